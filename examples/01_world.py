@@ -1,15 +1,10 @@
 """A world in ten lines: an expert drives four seconds, and the last picture is kept."""
 
-import sys
-from pathlib import Path
-
 import cv2
 import gymnasium
+from folder import out
 
 import sim_pybullet  # noqa: F401 (registers the environments)
-
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
-out.mkdir(parents=True, exist_ok=True)
 
 env = gymnasium.make("duckpilot/LaneKeeping-v0", render_mode="rgb_array", pool_size=1)
 observation, info = env.reset(seed=0)

@@ -1,20 +1,16 @@
 """Train PPO with plain stable-baselines3 until a small robot keeps its lane: some ten seconds."""
 
 import sys
-from pathlib import Path
 
 import matplotlib.pyplot as plt
+from folder import out
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from robot.contract import ImageSpec
-from robot.navigation.road_map import load_map
-from sim_pybullet.batch import BatchWorld
-from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.env import make_world
 from sim_pybullet.vec_env import DuckpilotVecEnv
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 STEPS = int(sys.argv[2]) if len(sys.argv) > 2 else 10_000
 ROBOTS = 16
 
@@ -35,13 +31,10 @@ class Ended(BaseCallback):
         return True
 
 
-task = LaneKeeping([load_map("loop")], ROBOTS)
-world = BatchWorld(task, load_look_sampler("nominal"), ImageSpec(80, 60, 20), pool_size=4)
-env = DuckpilotVecEnv(world)
+env = DuckpilotVecEnv(make_world("lane", ROBOTS, image=ImageSpec(80, 60, 20), pool_size=4))
 ended = Ended()
 model = PPO("CnnPolicy", env, n_steps=64, batch_size=256, n_epochs=4, gamma=0.9, seed=0)
 model.learn(STEPS, callback=ended)
-out.mkdir(parents=True, exist_ok=True)
 model.save(out / "02_ppo.zip")
 
 plt.plot(ended.steps, ended.metres, ".", color="tab:red")

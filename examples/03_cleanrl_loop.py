@@ -1,29 +1,22 @@
 """An actor-critic in one loop, as CleanRL writes them: 16 robots, no framework but torch."""
 
 import sys
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from folder import out
 from torch import nn
 
 from robot.contract import ImageSpec
-from robot.navigation.road_map import load_map
-from sim_pybullet.batch import BatchWorld
-from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.env import make_world
 from sim_pybullet.vec_env import DuckpilotVecEnv
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 UPDATES = int(sys.argv[2]) if len(sys.argv) > 2 else 150
 ROBOTS, STEPS, GAMMA = 16, 8, 0.9
 torch.manual_seed(0)
-out.mkdir(parents=True, exist_ok=True)
 
-task = LaneKeeping([load_map("loop")], ROBOTS)
-world = BatchWorld(task, load_look_sampler("nominal"), ImageSpec(80, 60, 20), pool_size=4)
-env = DuckpilotVecEnv(world)
+env = DuckpilotVecEnv(make_world("lane", ROBOTS, image=ImageSpec(80, 60, 20), pool_size=4))
 convolutions = nn.Conv2d(3, 16, 8, 4), nn.ReLU(), nn.Conv2d(16, 32, 4, 2), nn.ReLU()
 heads = nn.LazyLinear(128), nn.ReLU(), nn.Linear(128, env.action_space.n + 1)
 network = nn.Sequential(*convolutions, nn.Flatten(), *heads)

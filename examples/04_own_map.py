@@ -1,19 +1,12 @@
 """A map of your own, a mission through it, and both seen from above."""
 
-import sys
-from pathlib import Path
-
 import cv2
-import numpy as np
+from folder import out
 
 from robot.geometry import Pose
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
-from sim_pybullet.look import Look
-from sim_pybullet.scenery.objects import build_scene
-
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
-out.mkdir(parents=True, exist_ok=True)
+from sim_pybullet.show import from_above
 
 own = out / "04_own_map.yaml"
 own.write_text("""
@@ -28,11 +21,4 @@ start = Pose(1.35 * road_map.tile_size_m, 0.29, 0.0)  # on the southern street, 
 goal_m = (0.30 * road_map.tile_size_m, 1.5 * road_map.tile_size_m)  # on the western one
 path = plan_path(road_map, start, goal_m)
 print(f"{len(road_map.road_tiles)} tiles of road; the mission is {path.length_m:.2f} m long")
-
-ground = build_scene(road_map, Look(), np.random.default_rng(0)).ground
-columns = (path.points_m[:, 0] - ground.west_m) / ground.texel_m
-rows = (ground.north_m - path.points_m[:, 1]) / ground.texel_m
-picture = ground.rgb[..., ::-1].copy()
-line = np.stack([columns, rows], axis=1).round().astype(np.int32)
-cv2.polylines(picture, [line], False, (255, 160, 0), 8, cv2.LINE_AA)
-cv2.imwrite(str(out / "04_own_map.png"), picture)
+cv2.imwrite(str(out / "04_own_map.png"), from_above(road_map, path.points_m)[..., ::-1])

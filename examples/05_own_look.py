@@ -1,18 +1,13 @@
 """A look of your own: evening light, worn paint, a camera that somebody mounted by hand."""
 
-import sys
-from pathlib import Path
-
 import cv2
 import numpy as np
 import yaml
+from folder import out
 
 from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import look_sampler
 from sim_pybullet.show import draws, sheet
-
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
-out.mkdir(parents=True, exist_ok=True)
 
 evening = yaml.safe_load("""
 sky: {horizon_rgb: [120.0, 84.0, 70.0], zenith_rgb: [40.0, 42.0, 70.0]}
@@ -28,5 +23,5 @@ sensor:
 """)
 (out / "05_own_look.yaml").write_text(yaml.safe_dump(evening))  # for train --look
 pictures = draws(load_map("town"), look_sampler(evening), 12, np.random.default_rng(0))
-cv2.imwrite(str(out / "05_own_look.png"), sheet(pictures, columns=4)[..., ::-1])
+cv2.imwrite(str(out / "05_own_look.png"), sheet(pictures)[..., ::-1])
 print(f"{len(pictures)} draws; mean brightness {pictures.mean():.0f} of 255")

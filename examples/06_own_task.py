@@ -1,21 +1,15 @@
 """A task of your own, `own_task.py`: where in the lane does its reward have its optimum?"""
 
-import sys
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
-from own_task import RIGHT_M, KeepRight
+from folder import out
+from own_task import KEEP_RIGHT, RIGHT_M
 
-from robot.navigation.road_map import load_map
-from sim_pybullet.batch import BatchWorld
-from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.env import make_world
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 ROBOTS = 8
 
-task = KeepRight([load_map("loop")], ROBOTS)
-world = BatchWorld(task, load_look_sampler("nominal"), pool_size=1)
+world = make_world(KEEP_RIGHT.name, ROBOTS, pool_size=1)
 world.reset()
 rng = np.random.default_rng(0)
 offsets, rewards = [], []
@@ -33,5 +27,4 @@ plt.plot(100.0 * np.array(offsets), rewards, ".", color="tab:red")
 plt.axvline(-100.0 * RIGHT_M, color="grey")
 plt.xlabel("left of the middle of the lane [cm]")
 plt.ylabel("reward of a decision")
-out.mkdir(parents=True, exist_ok=True)
 plt.savefig(out / "06_own_task.png", dpi=100)

@@ -1,15 +1,13 @@
 """A reward of your own, as a Gymnasium wrapper: smooth driving pays."""
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import matplotlib.pyplot as plt
+from folder import out
 
 import sim_pybullet  # noqa: F401 (registers the environments)
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 CHANGE_COSTS = 2.0
 
 
@@ -43,7 +41,6 @@ plt.plot(plain, label="the task's reward")
 plt.plot(smooth, label="less what changes of mind cost")
 plt.xlabel("decisions of 0.1 s")
 plt.legend()
-out.mkdir(parents=True, exist_ok=True)
 plt.savefig(out / "07_own_reward.png", dpi=100)
 print(f"{sum(plain):.0f} by the task's reward, {sum(smooth):.0f} by ours")
 env.close()

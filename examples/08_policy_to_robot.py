@@ -1,11 +1,9 @@
 """A torch network of your own becomes an ONNX file that the robot accepts, and decides on it."""
 
-import sys
-from pathlib import Path
-
 import cv2
 import numpy as np
 import torch
+from folder import out
 from torch import nn
 
 from robot.contract import ACTION_WHEELS, Action, ImageSpec, PolicyContract
@@ -15,9 +13,6 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.show import draws
 from trainer.export import export_network
-
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
-out.mkdir(parents=True, exist_ok=True)
 
 
 class Own(nn.Module):

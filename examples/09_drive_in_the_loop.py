@@ -5,19 +5,18 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from folder import out
 
 from robot.geometry import Pose
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from sim_pybullet.look import Look
-from sim_pybullet.scenery.objects import build_scene
+from sim_pybullet.show import from_above
 from tools.loop.laps import LapDrive, LapRecord
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 LAPS = float(sys.argv[2]) if len(sys.argv) > 2 else 0.5
 MODELS = Path(__file__).parents[1] / "robot" / "models"
-out.mkdir(parents=True, exist_ok=True)
 
 road_map = load_map("loop")
 trail = []
@@ -34,10 +33,5 @@ drive.close()
 off_cm = 100.0 * np.abs(record.offsets_m).mean()
 print(f"{record.laps:.2f} laps in {record.seconds:.1f} s, {off_cm:.1f} cm off the middle")
 print(f"steps lost by the motors: {record.lost_steps}; state {record.state}")
-
-ground = build_scene(road_map, Look(), np.random.default_rng(0)).ground
-x_m, y_m = np.transpose(trail)
-line = np.stack([x_m - ground.west_m, ground.north_m - y_m], axis=1) / ground.texel_m
-picture = ground.rgb[..., ::-1].copy()
-cv2.polylines(picture, [line.round().astype(np.int32)], False, (255, 160, 0), 6, cv2.LINE_AA)
-cv2.imwrite(str(out / "09_drive_in_the_loop.png"), picture)
+picture = from_above(road_map, np.array(trail))
+cv2.imwrite(str(out / "09_drive_in_the_loop.png"), picture[..., ::-1])

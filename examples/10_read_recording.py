@@ -5,15 +5,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from folder import out
 
 from robot.contract import Action
 from robot.recording.reader import read_turns
 from sim_pybullet.show import sheet
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 golden = Path(__file__).parents[1] / "tests" / "data" / "golden_drive.mcap"
 drive = Path(sys.argv[2]) if len(sys.argv) > 2 else golden
-out.mkdir(parents=True, exist_ok=True)
 
 shown, actions = [], []
 for turn, frame in read_turns(drive):
@@ -27,4 +26,4 @@ for turn, frame in read_turns(drive):
         shown.append(picture)
 counts = {name: actions.count(name) for name in dict.fromkeys(actions)}
 print(f"{drive.name}: {len(actions)} decisions, {counts}")
-cv2.imwrite(str(out / "10_read_recording.png"), sheet(np.array(shown[:12]), 4)[..., ::-1])
+cv2.imwrite(str(out / "10_read_recording.png"), sheet(np.array(shown[:12]))[..., ::-1])

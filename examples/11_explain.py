@@ -1,10 +1,10 @@
 """Explain a picture: where a shipped policy looks, and what would change its mind."""
 
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
+from folder import out
 
 from robot.inference.preprocess import preprocess
 from robot.navigation.road_map import load_map
@@ -12,9 +12,7 @@ from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.show import draws
 from trainer.judging.explain import Explainer, overlay
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 MODELS = Path(__file__).parents[1] / "robot" / "models"
-out.mkdir(parents=True, exist_ok=True)
 
 explainer = Explainer(MODELS / "nav_ppo.onnx")
 frames = draws(load_map("town"), load_look_sampler("randomised"), 4, np.random.default_rng(3))

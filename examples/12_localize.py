@@ -1,11 +1,10 @@
 """Localize robots in one picture of the overhead camera; here the picture is drawn, too."""
 
 import math
-import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
+from folder import out
 
 from localizer_node.calibration import Board, Marker
 from localizer_node.detect import annotated
@@ -15,9 +14,6 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.look import Look
 from sim_pybullet.overhead import OverheadCamera, known_calibration, robot_sheets
 from sim_pybullet.scenery.objects import build_scene
-
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
-out.mkdir(parents=True, exist_ok=True)
 
 arena = load_map("arena")
 rng = np.random.default_rng(0)

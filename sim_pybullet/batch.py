@@ -15,13 +15,10 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_STEPS
-from sim_pybullet.rendering.camera import BatchCamera
-from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Scene
-from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
+from sim_pybullet.rendering.ray_camera import NoCamera, RayCamera
+from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.sensing.guidance_feed import ALWAYS, GuidanceFeed, PoseSources
-from sim_pybullet.tasks.following import Course
-from sim_pybullet.tasks.spec import Task, TaskStep
+from sim_pybullet.tasks.spec import Course, Task, TaskStep
 from sim_pybullet.town import Town
 
 
@@ -55,7 +52,8 @@ class BatchStep(NamedTuple):
 class BatchWorld:
     """Bodies, vehicles, cameras and a task, for N robots at once.
 
-    The same arguments, seed and actions give the same pictures, bit for bit.
+    The same arguments, seed and actions give the same pictures, bit for bit. ``feed`` tells what
+    they show, ``guidance`` where robots of a task with a path believe to be.
 
     Args:
         pool_size: painted worlds per map, with a sampler of Looks.
@@ -72,7 +70,7 @@ class BatchWorld:
         image: ImageSpec | None = None,
         seed: int = 0,
         pool_size: int = 16,
-        camera: BatchCamera | None = None,
+        camera: NoCamera | None = None,
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
         sources: PoseSources = ALWAYS,
@@ -90,17 +88,16 @@ class BatchWorld:
         else:
             self._episodes = NumberedEpisodes(task.road_maps, looks, n, seed, numbers, task.group)
         self._town = Town(self._episodes.solids, n, reach_m=self._episodes.reach_m)
-        camera = camera or RayCamera(image, n, task.movers)
-        self._feed = CameraFeed(camera, n, image.crop_top_px, translator, movers=len(task.movers))
-        self._guidance = None
+        drawing = camera or RayCamera(image, n, task.movers)
+        self.feed = CameraFeed(
+            drawing, n, image.crop_top_px, translator, movers=len(task.movers), frames=task.frames
+        )
+        self.guidance = None
         if task.guided:
             maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
-            self._guidance = GuidanceFeed(n, sources, maps)
+            self.guidance = GuidanceFeed(n, sources, maps)
         self._recorder = DriveRecorder(n)
-        self._maps = np.zeros(n, dtype=int)
         self._looks = [NOMINAL] * n
-        self._stack = FrameStack(n, task.frames, self._feed.shape)
-        self.image_shape = self._stack.shape
 
     def close(self) -> None:
         """Free the physics client."""
@@ -116,34 +113,9 @@ class BatchWorld:
         return self._town.poses
 
     @property
-    def pictured_poses(self) -> np.ndarray:
-        """(N, 3) where the robots were when the pictures that they have now were taken."""
-        return self._feed.shown[:, 0].copy()
-
-    @property
-    def pictured_movers(self) -> np.ndarray:
-        """(N, U, 3) where the task's movers were in these pictures, NaN where one is not there."""
-        return self._feed.shown[:, 1:].copy()
-
-    @property
-    def scenes(self) -> tuple[Scene, ...]:
-        """What stands where each robot is."""
-        return self._feed.scenes
-
-    @property
-    def believed_poses(self) -> np.ndarray:
-        """(N, 3) where the robots believe to be; the true poses in a task without a path."""
-        return self.poses if self._guidance is None else self._guidance.poses.copy()
-
-    @property
-    def certainty(self) -> np.ndarray:
-        """(N, 2) within how far of the truth beliefs are, 95 % sure: [m], [rad]."""
-        return np.zeros((self.n_robots, 2)) if self._guidance is None else self._guidance.certainty
-
-    @property
     def maps(self) -> np.ndarray:
         """(N,) int, the map that each robot is on: index into the task's road_maps."""
-        return self._maps.copy()
+        return self.task.maps.copy()
 
     @property
     def looks(self) -> tuple[Look, ...]:
@@ -191,8 +163,8 @@ class BatchWorld:
             success=judged.success & active,
         )
         course, collided = self.task.course, collided | self.task.met
-        if self._guidance is not None:
-            self._guidance.update(poses, self._episodes.rng("pose"))
+        if self.guidance is not None:
+            self.guidance.update(poses, self._episodes.rng("pose"))
         self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)
         observation = self._observe()
         ended = np.flatnonzero(judged.terminated | judged.truncated)
@@ -215,9 +187,9 @@ class BatchWorld:
                 twists[~active] = 0.0  # who has failed stands there
             self._town.step(twists)
             poses = self._town.poses
-            self._feed.record(poses, self.task.moving(poses, (k + 1) / PHYSICS_STEPS))
-            if self._guidance is not None:
-                self._guidance.record(vehicle.counted)
+            self.feed.record(poses, self.task.moving(poses, (k + 1) / PHYSICS_STEPS))
+            if self.guidance is not None:
+                self.guidance.record(vehicle.counted)
             collided |= self._town.collided
         return collided
 
@@ -227,48 +199,48 @@ class BatchWorld:
         if not len(robots):
             return robots
         if poses is None:
-            starts = self._episodes.starts(self.task, robots)
+            poses = self._episodes.starts(self.task, robots)
         else:
-            starts = self.task.reset_at(robots, poses, self._episodes.rng("task"))
+            self.task.reset_at(robots, poses, self._episodes.rng("task"))
         looks, scenes = [], []
-        for i, pose, road_map in zip(robots.tolist(), *starts, strict=True):
-            world, painted, look = self._episodes.setting(i, int(road_map))
+        for i, pose in zip(robots.tolist(), poses, strict=True):
+            world, painted, look = self._episodes.setting(i, int(self.task.maps[i]))
             self._town.furnish(world, painted.scene.solids)
             self._town.place(i, Pose(*pose), world)
             self.task.vehicle.reset(i, look.drive)
-            self._maps[i], self._looks[i] = road_map, look
+            self._looks[i] = look
             scenes.append((painted.scene, look))
             looks.append(look.pose)
         moving = self.task.moving(self._town.poses)
-        for i, pose, (scene, look) in zip(robots.tolist(), starts.poses, scenes, strict=True):
-            self._feed.begin(i, scene, look, pose, None if moving is None else moving[i])
-        if self._guidance is not None:
+        for i, pose, (scene, look) in zip(robots.tolist(), poses, scenes, strict=True):
+            self.feed.begin(i, scene, look, pose, None if moving is None else moving[i])
+        if self.guidance is not None:
             hints = self.task.paths.index_at(self.task.course.arc_m)
             rngs = [self._episodes.own("pose", i) for i in robots.tolist()]
-            self._guidance.begin(robots, looks, self._town.poses, hints, rngs)
+            self.guidance.begin(robots, looks, self._town.poses, hints, rngs)
         self._recorder.begin(robots)
         return robots
 
     def _observe(self, begun: np.ndarray | None = None) -> Observation:
-        """What robots see that have just begun an episode; else what all active ones see (N)."""
+        """What robots see that have just begun; else what all active ones see (N), the others 0."""
         everyone = begun is None and bool(self.active.all())
         robots = np.flatnonzero(self.active) if begun is None else begun
         drawn = None if everyone else robots
         skip, noise = (self._episodes.rng(kind, drawn) for kind in ("skip", "noise"))
-        image = self._feed.pictures(skip, drawn, noise)
-        if begun is None and self._guidance is not None:
-            whole = np.zeros((self.n_robots, *image.shape[1:]), np.uint8)
-            whole[robots] = image
-            self._guidance.see(whole, self._feed.fresh, self._maps)
-        if begun is None:
-            image = self._stack.push(image, drawn)
-        else:
-            image = self._stack.restart(begun, image)
-        path = None if self._guidance is None else self._guidance.path_inputs(self.task.paths)
+        image = self.feed.pictures(skip, drawn, noise)
+        if begun is None and self.guidance is not None:
+            whole = np.zeros((self.n_robots, *image.shape[1:3], 3), np.uint8)
+            whole[robots] = image[..., -3:]
+            self.guidance.see(whole, self.feed.fresh, self.task.maps)
+        path = None if self.guidance is None else self.guidance.path_inputs(self.task.paths)
         if path is not None and not everyone:
             path = path[robots]
         seen = Observation(image, path)
-        return seen if everyone or begun is not None else _spread(seen, robots, self.n_robots)
+        if everyone or begun is not None:
+            return seen
+        nothing = None if path is None else np.zeros((self.n_robots, path.shape[1]), path.dtype)
+        zeros = np.zeros((self.n_robots, *image.shape[1:]), image.dtype)
+        return _replaced(Observation(zeros, nothing), robots, seen)
 
 
 def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
@@ -283,14 +255,6 @@ def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
     if not valid:
         raise ContractError(f"actions: expected {wanted}, got {actions!r}")
     return actions
-
-
-def _spread(observation: Observation, robots: np.ndarray, n: int) -> Observation:
-    """The observations of some of N robots in their rows, zeros in the others."""
-    image, path = observation
-    nothing = None if path is None else np.zeros((n, path.shape[1]), path.dtype)
-    whole = Observation(np.zeros((n, *image.shape[1:]), image.dtype), nothing)
-    return _replaced(whole, robots, observation)
 
 
 def _replaced(whole: Observation, robots: np.ndarray, parts: Observation) -> Observation:

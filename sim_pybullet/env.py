@@ -26,7 +26,7 @@ def action_space(world: BatchWorld, continuous: bool = False) -> spaces.Space[An
 
 def observation_space(world: BatchWorld) -> spaces.Space[Any]:
     """The picture or stacked pictures, with ``path`` beside it in a Dict where the task guides."""
-    image = spaces.Box(0, 255, world.image_shape, np.uint8)
+    image = spaces.Box(0, 255, world.feed.shape, np.uint8)
     if not world.task.guided:
         return image
     path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
@@ -57,11 +57,6 @@ def as_space_member(observation: Observation, i: int | None = None) -> Any:
     if i is not None:
         image, path = image[i].copy(), None if path is None else path[i].copy()
     return image if path is None else {"image": image, "path": path}
-
-
-def newest_picture(image: np.ndarray) -> np.ndarray:
-    """The last frame (..., H, W, 3) of stacked ones (..., H, W, 3 F)."""
-    return image[..., -3:]
 
 
 def step_infos(world: BatchWorld, step: BatchStep) -> list[dict[str, Any]]:
@@ -103,7 +98,6 @@ class DriveVectorEnv(VectorEnv[Any, Any, Any]):
         self.single_action_space = action_space(world, continuous)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._seen = np.zeros((self.num_envs, *world.image_shape[:2], 3), np.uint8)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Any = None
@@ -118,9 +112,7 @@ class DriveVectorEnv(VectorEnv[Any, Any, Any]):
         super().reset(seed=first)
         if first is not None:
             self.world.seed(int(self.np_random.integers(SEEDS)))
-        observation = self.world.reset(poses)
-        self._seen = newest_picture(observation.image)
-        return as_space_member(observation), {}
+        return as_space_member(self.world.reset(poses)), {}
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Carry out one action of each robot for 0.1 s."""
@@ -132,13 +124,12 @@ class DriveVectorEnv(VectorEnv[Any, Any, Any]):
                 last = as_space_member(step.finished.observation, ended[i])
                 info = {"final_obs": last, "final_info": info}
             infos = self._add_info(infos, info, i)
-        self._seen = newest_picture(step.observation.image)
         seen = as_space_member(step.observation)
         return seen, step.reward, step.task.terminated, step.task.truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The picture (H, W, 3) uint8 that each robot saw last; None unless ``rgb_array``."""
-        return tuple(self._seen.copy()) if self.render_mode == "rgb_array" else None
+        return tuple(self.world.feed.newest) if self.render_mode == "rgb_array" else None
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Free the world."""
@@ -185,7 +176,6 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         world: of one robot; it ends with the environment.
         render_mode: ``rgb_array`` lets ``render`` give the picture that the robot saw last;
             ``human`` shows it in a window after every step, ten a second.
-        continuous: actions are any two speeds, Box(-1, 1, (2,)).
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as the base class has it)
@@ -201,7 +191,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         self.observation_space = observation_space(world)
         self.action_space = action_space(world, continuous)
         self._window: Any = None  # matplotlib's picture
-        self._seen = np.zeros((*world.image_shape[:2], 3), np.uint8)
+        self._seen = np.zeros((*world.feed.shape[:2], 3), np.uint8)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -243,7 +233,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
             plt.close(self._window.figure)
 
     def _show(self, observation: Observation) -> Any:
-        self._seen = newest_picture(observation.image[0])
+        self._seen = observation.image[0, ..., -3:]  # the newest
         if self.render_mode == "human":
             self._show_in_window()
         return as_space_member(observation, 0)

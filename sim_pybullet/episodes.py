@@ -21,7 +21,7 @@ from sim_pybullet.look import NOMINAL, GroundLook, Look, TrackLook
 from sim_pybullet.randomise import Sampler, fixed, one_site
 from sim_pybullet.scene import Ground, Scene, Solid
 from sim_pybullet.scenery.objects import Place, paint_place, place_solids
-from sim_pybullet.tasks.spec import Starts, Task, TaskStep
+from sim_pybullet.tasks.spec import Task, TaskStep
 
 Looks = Sequence[Look] | Sampler
 
@@ -36,15 +36,9 @@ class PaintedWorld:
 
     def episode_look(self, rng: np.random.Generator) -> Look:
         """A Look of the site whose paint and camera are those of this world."""
-        painted = self.look
+        own = self.site(rng)
         return replace(
-            self.site(rng),
-            ground=painted.ground,
-            track=painted.track,
-            sky=painted.sky,
-            light=painted.light,
-            clutter=painted.clutter,
-            camera=painted.camera,
+            self.look, sensor=own.sensor, drive=own.drive, timing=own.timing, pose=own.pose
         )
 
 
@@ -131,14 +125,12 @@ class DrawnEpisodes:
 
     def together(self, step: TaskStep) -> TaskStep:
         """A step as judged, with what it means for the others of a group."""
-        if self._group == 1:
-            return step
         ended = (step.terminated | step.truncated).reshape(-1, self._group).any(axis=1)
         cut_off = np.repeat(ended, self._group) & ~step.terminated
         return step._replace(truncated=cut_off)
 
-    def starts(self, task: Task, robots: np.ndarray) -> Starts:
-        """Where they begin it."""
+    def starts(self, task: Task, robots: np.ndarray) -> np.ndarray:
+        """The poses (M, 3) at which they begin it."""
         return task.reset(robots, self._rngs["task"])
 
     def setting(self, robot: int, map_index: int) -> Setting:
@@ -205,13 +197,13 @@ class NumberedEpisodes:
         """As it is."""
         return step
 
-    def starts(self, task: Task, robots: np.ndarray) -> Starts:
+    def starts(self, task: Task, robots: np.ndarray) -> np.ndarray:
         """Where they begin."""
         each = [
             task.reset(group, self.own("task", group[0]), self.numbers[group[0]] // self._group)
             for group in robots.reshape(-1, self._group)
         ]
-        return Starts(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
+        return np.concatenate(each)
 
     def setting(self, robot: int, map_index: int) -> Setting:
         """The robot's own world, painted as that of its number."""

@@ -5,12 +5,12 @@ Colours are (r, g, b) in 0..255. A Look is read from and written to YAML; random
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, get_type_hints
 
 from robot.contract import FRAME_WIDTH_PX
 from robot.errors import ConfigError
-from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
+from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from robot.typed_config import from_plain
 
 # Kinds of numbers with the limits beyond which they cannot be, or leave a camera nothing to see.
@@ -168,18 +168,16 @@ class Look:
     timing: TimingLook = TimingLook()
     pose: PoseLook = PoseLook()
 
-    def rig(self, lens: Lens = DUCKIEBOT_LENS) -> CameraRig:
-        """This Look's camera: the given nominal lens on this mounting, with these scales."""
-        c = self.camera
-        changed = Lens(
-            lens.model,
-            lens.width_px,
-            lens.height_px,
-            lens.fx_px * c.focal_scale,
-            lens.fy_px * c.focal_scale,
-            lens.cx_px + c.centre_right_px * lens.width_px / FRAME_WIDTH_PX,
-            lens.cy_px + c.centre_down_px * lens.width_px / FRAME_WIDTH_PX,
-            tuple(k * c.distortion_scale for k in lens.distortion),
+    def rig(self) -> CameraRig:
+        """This Look's camera: the nominal lens on this mounting, with these scales."""
+        c, lens = self.camera, DUCKIEBOT_LENS
+        changed = replace(
+            lens,
+            fx_px=lens.fx_px * c.focal_scale,
+            fy_px=lens.fy_px * c.focal_scale,
+            cx_px=lens.cx_px + c.centre_right_px * lens.width_px / FRAME_WIDTH_PX,
+            cy_px=lens.cy_px + c.centre_down_px * lens.width_px / FRAME_WIDTH_PX,
+            distortion=tuple(k * c.distortion_scale for k in lens.distortion),
         )
         mount = Mount(c.height_m, c.forward_m, c.left_m, c.pitch_rad, c.yaw_rad, c.roll_rad)
         return CameraRig(changed, mount)
@@ -191,7 +189,6 @@ NOMINAL = Look()
 ARENA_POSE = PoseLook(
     position_m=0.03,
     heading_rad=math.radians(5.0),
-    correlation_s=2.0,
     delay_s=0.2,
     dropout_per_s=0.05,
     dropout_s=1.0,

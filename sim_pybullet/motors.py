@@ -1,4 +1,4 @@
-"""``MotorModel``: how fast robots really move after wheel speeds were commanded.
+"""What carries out actions: ``MotorModel``, how fast robots move after wheel speeds were commanded.
 
 After a delay, forward speed and turn rate follow the command with first-order lags of their own;
 gain, trim and noise of the wheels come on top. Without these it is gym-duckietown's model of the
@@ -9,7 +9,15 @@ import math
 
 import numpy as np
 
-from robot.contract import CONTROL_DT_S, DRIVE
+from robot.contract import (
+    ACTION_TWISTS,
+    CONTROL_DT_S,
+    DRIVE,
+    FIVE_ACTIONS,
+    MAX_WHEEL_MPS,
+    ActionTable,
+)
+from robot.navigation.path import PathBatch
 from sim_pybullet.look import DriveLook
 
 
@@ -100,3 +108,48 @@ def _twists(wheel_mps: np.ndarray) -> np.ndarray:
     """(N, 2) forward speed and turn rate of left and right wheel speeds (N, 2)."""
     left, right = wheel_mps.T
     return np.stack((0.5 * (left + right), (right - left) / DRIVE.baseline_m), axis=1)
+
+
+_CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])  # [1/m]
+
+
+class WheeledRobots(MotorModel):
+    """The project's robots, with five actions, each a pair of wheel speeds, and their motors.
+
+    A task may have other vehicles, such as `sim_pybullet.tasks.track_racing.RacingCars`: they have
+    actions, each as two numbers, and ``counted``, ``reset``, ``step`` and ``expert`` as these.
+    """
+
+    actions: ActionTable = FIVE_ACTIONS
+
+    def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """The ``twists`` after one more step under actions (N,), or any pairs (N, 2) from -1 to 1.
+
+        Pairs are rim speeds as shares of the greatest of our actions.
+        """
+        table = np.array(self.actions)
+        speeds = table[actions] if actions.ndim == 1 else MAX_WHEEL_MPS * actions
+        return super().step(speeds, rng)
+
+    def expert(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
+        """(N,) what a driver would choose who knows the true poses (N, 3) and the path."""
+        return expert_actions(paths, poses, arc_m)
+
+
+def expert_actions(
+    paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray, ahead_m: float = 0.14
+) -> np.ndarray:
+    """The actions (N,) of experts at true poses (N, 3): whose circle is nearest to `pursuit`'s."""
+    curvature = pursuit(paths, poses, np.asarray(arc_m) + ahead_m)
+    return np.abs(curvature[:, None] - _CURVATURES).argmin(axis=1)
+
+
+def pursuit(paths: PathBatch, poses: np.ndarray, ahead_m: np.ndarray) -> np.ndarray:
+    """(N,) curvature [1/m] of the circles that lead from poses (N, 3) to places on the paths (N,).
+
+    Coulter 1992, "Implementation of the Pure Pursuit Path Tracking Algorithm": the circle that
+    leaves along the robot's heading and meets the path a fixed way ahead.
+    """
+    delta = paths.points_at(ahead_m[:, None])[:, 0] - poses[:, :2]
+    left = np.cos(poses[:, 2]) * delta[:, 1] - np.sin(poses[:, 2]) * delta[:, 0]
+    return np.asarray(2.0 * left / np.maximum((delta**2).sum(axis=1), 1e-6))

@@ -33,9 +33,7 @@ OVERHEAD_LENS = Lens("fisheye", 1280, 720, 720.0, 720.0, 639.5, 359.5, (0.01, -0
 class Sheet:
     """A flat rectangle parallel to the floor; row 0 of ``rgb`` is its front edge."""
 
-    x_m: float
-    y_m: float
-    heading_rad: float
+    pose: Pose  # of its middle
     length_m: float  # along the heading
     width_m: float
     height_m: float
@@ -101,9 +99,8 @@ class OverheadCamera:
 
     def _draw(self, sheet: Sheet) -> tuple[int, int, int, int]:
         """Paint a sheet into the working picture; the slice u0, v0, u1, v1 that it changed."""
-        pose = Pose(sheet.x_m, sheet.y_m, sheet.heading_rad)
         half = 0.5 * np.array([sheet.length_m, sheet.width_m])
-        corners = pose.to_world(half * [[1, 1], [1, -1], [-1, -1], [-1, 1]])
+        corners = sheet.pose.to_world(half * [[1, 1], [1, -1], [-1, -1], [-1, 1]])
         outline = self.rig.to_pixels(np.column_stack((corners, np.full(4, sheet.height_m))))
         limit = (self.lens.width_px, self.lens.height_px)
         low = np.clip(np.floor(outline.min(axis=0)) - 1, 0, limit).astype(int)
@@ -166,11 +163,11 @@ def robot_sheets(marker: Marker, pose: Pose, board: np.ndarray | None = None) ->
     """A robot as sheets: its dark body in slices, and its board on top."""
     body = np.full((1, 1, 3), BODY_RGB, np.uint8)
     top = marker.board.height_m
-    slices = [Sheet(*pose, 0.16, 0.13, top * i / 3.0, body) for i in range(3)]
-    middle = pose.to_world(np.array([marker.board.forward_m, 0.0]))
+    slices = [Sheet(pose, 0.16, 0.13, top * i / 3.0, body) for i in range(3)]
+    x_m, y_m = pose.to_world(np.array([marker.board.forward_m, 0.0]))
     rgb = board_rgb(marker) if board is None else board
     size = (marker.board.length_m, marker.board.width_m, top)
-    return [*slices, Sheet(middle[0], middle[1], pose.heading_rad, *size, rgb)]
+    return [*slices, Sheet(Pose(x_m, y_m, pose.heading_rad), *size, rgb)]
 
 
 def known_calibration(

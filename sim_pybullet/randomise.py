@@ -12,7 +12,7 @@ Absent leaves are nominal. Every leaf can so be switched off by deleting its lin
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +25,12 @@ from sim_pybullet.look import NOMINAL, POSE_ERRORS, Look, look_from_plain
 LOOKS_DIR = Path(__file__).parent / "looks"
 
 Sampler = Callable[[np.random.Generator], Look]
-# How to draw from a distribution, and the values between which it draws.
-_Draw = tuple[Callable[[np.random.Generator], Any], Sequence[Any]]
+# How to draw from a distribution, and the two values between which it draws.
+_Draw = tuple[Callable[[np.random.Generator], Any], tuple[Any, Any]]
 
 
-@dataclass(frozen=True)
-class Sites:
+class Sites(tuple[Sampler, ...]):
     """Several distributions of looks, all as likely, as a sampler."""
-
-    sites: tuple[Sampler, ...]
 
     def __call__(self, rng: np.random.Generator) -> Look:
         """A look of any of them."""
@@ -42,9 +39,7 @@ class Sites:
 
 def one_site(sample: Sampler, rng: np.random.Generator) -> Sampler:
     """A sampler all of whose looks are of one place: one of several sites, else itself."""
-    if isinstance(sample, Sites):
-        return one_site(sample.sites[int(rng.integers(len(sample.sites)))], rng)
-    return sample
+    return sample[int(rng.integers(len(sample)))] if isinstance(sample, Sites) else sample
 
 
 def shipped_looks() -> dict[str, Path]:
@@ -88,7 +83,7 @@ def load_look_sampler(
     path = _find(source)
     if path.is_dir():
         files = _looks_in(path)
-        return Sites(tuple(load_look_sampler(file, pose_error, without) for file in files))
+        return Sites(load_look_sampler(file, pose_error, without) for file in files)
     sample = look_sampler(_without(read_yaml(path), without), where=str(path))
     if pose_error is None:
         return sample
@@ -153,14 +148,10 @@ def look_sampler(data: Any, where: str = "look") -> Sampler:
         for group, leaves in data.items()
         if isinstance(leaves, dict)
     }
-    turns = max((len(ends) for group in draws.values() for _, ends in group.values()), default=1)
-    for turn in reversed(range(turns)):  # one of its extremes in the place of every distribution
+    for end in (1, 0):  # one of its extremes in the place of every distribution
         extremes = {
-            group: {
-                **data[group],
-                **{leaf: ends[turn % len(ends)] for leaf, (_, ends) in ds.items()},
-            }
-            for group, ds in draws.items()
+            group: {**data[group], **{leaf: ends[end] for leaf, (_, ends) in leaves.items()}}
+            for group, leaves in draws.items()
         }
         look = look_from_plain({**data, **extremes})
 

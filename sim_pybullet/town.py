@@ -38,7 +38,7 @@ class _Body:
 
 
 class Town:
-    """N robots among solids that do not move; robots pass through each other unless they collide.
+    """N robots among solids that do not move; robots pass through each other.
 
     ``worlds`` are W lists of solids (`sim_pybullet.scene.Scene.solids`); every robot is in one of
     them and knows no other. Poses in and out are in the frame of that world's map, and lie within
@@ -54,7 +54,6 @@ class Town:
         worlds: Sequence[Sequence[Solid]],
         n_robots: int,
         drive: Drive = "planar",
-        robots_collide: bool = False,
         dt_s: float = PHYSICS_DT_S,
         reach_m: float = 0.0,
     ) -> None:
@@ -73,9 +72,8 @@ class Town:
         self._standing = [
             self._add_solids(solids, world * self._apart_m) for world, solids in enumerate(worlds)
         ]
-        mask = STATIC | ROBOT if robots_collide else STATIC
         add = self._load_robot if self._wheels else self._add_box_robot
-        self._bodies = [add(mask) for _ in range(n_robots)]
+        self._bodies = [add() for _ in range(n_robots)]
         self._origins = np.zeros((n_robots, 3))  # of each robot's world in the client
         self._poses = np.zeros((n_robots, 3))
         self._collided = np.zeros(n_robots, dtype=bool)
@@ -93,7 +91,7 @@ class Town:
 
     @property
     def collided(self) -> np.ndarray:
-        """(N,) bool: whether the robot touched a solid (or, if asked, a robot) in the last step."""
+        """(N,) bool: whether the robot touched a solid in the last step."""
         return self._collided.copy()
 
     def place(self, i: int, pose: Pose, world: int = 0) -> None:
@@ -211,8 +209,8 @@ class Town:
             )
         )
 
-    def _add_box_robot(self, mask: int) -> _Body:
-        """A box that slides upright and collides with the groups of a mask."""
+    def _add_box_robot(self) -> _Body:
+        """A box that slides upright."""
         shape = self._client.createCollisionShape(
             pybullet.GEOM_BOX,
             halfExtents=[0.5 * side for side in CHASSIS_M],
@@ -222,18 +220,17 @@ class Town:
         # A principal moment of zero stands for an infinite one: the box neither pitches nor rolls.
         self._client.changeDynamics(number, -1, localInertiaDiagonal=(0.0, 0.0, 0.004))
         self._calm(number, -1)
-        self._client.setCollisionFilterGroupMask(number, -1, ROBOT, mask)
+        self._client.setCollisionFilterGroupMask(number, -1, ROBOT, STATIC)
         return _Body(int(number))
 
-    def _load_robot(self, mask: int) -> _Body:
-        """A robot on wheels that collides with the groups of a mask."""
+    def _load_robot(self) -> _Body:
+        """A robot on wheels."""
         number = self._client.loadURDF(str(URDF))
-        links = {}
-        for joint in range(self._client.getNumJoints(number)):
-            links[self._client.getJointInfo(number, joint)[12].decode()] = joint
+        count = self._client.getNumJoints(number)
+        links = {self._client.getJointInfo(number, k)[12].decode(): k for k in range(count)}
         for link in (-1, *links.values()):
             self._calm(number, link)
-            self._client.setCollisionFilterGroupMask(number, link, ROBOT, mask)
+            self._client.setCollisionFilterGroupMask(number, link, ROBOT, STATIC)
         joints = tuple(links[name] for name in _WHEELS)
         for joint in links.values():
             self._client.changeDynamics(number, joint, lateralFriction=float(joint in joints))

@@ -8,13 +8,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.env import (
-    action_space,
-    as_space_member,
-    newest_picture,
-    observation_space,
-    step_infos,
-)
+from sim_pybullet.env import action_space, as_space_member, observation_space, step_infos
 
 
 class DuckpilotVecEnv(VecEnv):
@@ -27,7 +21,6 @@ class DuckpilotVecEnv(VecEnv):
     def __init__(self, world: BatchWorld, continuous: bool = False) -> None:
         self.world = world
         self._actions = np.zeros(world.n_robots, dtype=int)
-        self._seen = np.zeros((world.n_robots, *world.image_shape[:2], 3), np.uint8)
         self.render_mode = "rgb_array"
         actions = action_space(world, continuous)
         super().__init__(world.n_robots, observation_space(world), actions)
@@ -42,9 +35,7 @@ class DuckpilotVecEnv(VecEnv):
             self.world.seed(self._seeds[0])
         self._reset_seeds()
         self._reset_options()
-        observation = self.world.reset()
-        self._seen = newest_picture(observation.image)
-        return as_space_member(observation)
+        return as_space_member(self.world.reset())
 
     def step_async(self, actions: np.ndarray) -> None:
         """Take note of the actions (N,)."""
@@ -57,10 +48,8 @@ class DuckpilotVecEnv(VecEnv):
         for info, truncated in zip(infos, step.task.truncated.tolist(), strict=True):
             info["TimeLimit.truncated"] = truncated
         for k, i in enumerate(step.finished.robots):
-            last = as_space_member(step.finished.observation, k)
-            infos[i]["terminal_observation"] = last
+            infos[i]["terminal_observation"] = as_space_member(step.finished.observation, k)
         done = step.task.terminated | step.task.truncated
-        self._seen = newest_picture(step.observation.image)
         seen = as_space_member(step.observation)
         return seen, step.reward.astype(np.float32), done, infos
 
@@ -70,7 +59,7 @@ class DuckpilotVecEnv(VecEnv):
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """The picture (H, W, 3) uint8 that each robot saw last."""
-        return [picture.copy() for picture in self._seen]
+        return list(self.world.feed.newest)
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """The attribute of this object, for each robot asked for."""

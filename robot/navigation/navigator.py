@@ -27,6 +27,7 @@ from robot.link.messages import (
     thin_path,
 )
 from robot.link.wire import tidy_text
+from robot.navigation.finding import Finding
 from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import AHEAD_M
@@ -36,8 +37,7 @@ from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch
 from robot.navigation.sight_fix import SightFix
 from robot.navigation.way_check import WayCheck
-from robot.navigation.way_on import On, WayOn
-from robot.navigation.whereabouts import Whereabouts
+from robot.navigation.way_on import On
 from robot.parts import Guidance, Tick
 from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import State
@@ -55,8 +55,6 @@ MAP_MARGIN_M = 0.3  # a pose may lie so far outside before it is refused
 USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
 WORD = (0.05, 0.05, math.radians(10.0))  # deviations of a pose that a person tells
 HEARD_S = 1.0  # a source that said nothing for so long holds the belief no more
-# 95 % sure of the place, and the deviation of the wheels' scale, with which missions may begin.
-SURE_M, SURE_RAD, SURE_SCALE = 0.05, 0.3, 0.02
 BOUND_S = 1.0  # with wheels that seem to be off by as much as wheels can be
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
 
@@ -90,11 +88,9 @@ class MissionNavigator:
         self._gate = PoseGate(robot, (-MAP_MARGIN_M, -MAP_MARGIN_M, east, north))
         self._fusion = PoseFusion(config=FusionConfig(sight=glimpse is not None))
         self._way, self._glimpse = WayCheck(), glimpse
-        self._views = [LaneView(road_map)] if glimpse is not None else []
-        self._fix, self._watch = SightFix(self._fusion, self._views), watch
-        self._search: Optional[Whereabouts] = None
-        self._on = WayOn(self._graph)
-        self._learned = False  # how its wheels drive, on a drive that ended well
+        views = [LaneView(road_map)] if glimpse is not None else []
+        self._fix, self._watch = SightFix(self._fusion, views), watch
+        self._finding = None if glimpse is None else Finding(self._graph, self._fix)
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer, self._driven_m = odometry(), 0.0
         self._jumps = 0
@@ -113,7 +109,7 @@ class MissionNavigator:
     def put(self, pose: Pose) -> None:
         """A person says where the robot stands, to 10 cm and 20 degrees; PlanError where not."""
         tile = self._road_map.tile_at(pose.x_m, pose.y_m)
-        if self._glimpse is None:
+        if self._finding is None:
             raise PlanError(
                 "expected a robot with sight, only the localizer tells this one's place"
             )
@@ -122,7 +118,7 @@ class MissionNavigator:
         if tile is None or not tile.is_road:
             raise PlanError("expected a place on the road, that is beside it")
         self._fusion.put(np.arange(1), np.array([pose]), WORD)
-        self._learned = False
+        self._finding.learned = False
         self._way.reset()
         self._jumps = 0
 
@@ -145,7 +141,8 @@ class MissionNavigator:
         """
         path = self.plan(destination_m)
         self._take(path)
-        if not self._learned:
+        arrived = self.status is not None and self.status.phase == "arrived"
+        if self._finding is None or not (arrived or self._finding.learned):
             self._fusion.relearn(np.arange(1))
         self._way.reset()
         self._detours = 0
@@ -157,8 +154,8 @@ class MissionNavigator:
         PlanError where there is none, or the robot's place is unknown or too far from any way.
         """
         if self.pose is None:
-            if self._search is not None:
-                raise PlanError(self._search.sentence)
+            if self._finding is not None and self._finding.sentence:
+                raise PlanError(self._finding.sentence)
             raise PlanError(
                 "expected an overhead pose of this robot before a mission, got none yet; "
                 "does the localizer see it, and does the link reach it?"
@@ -186,9 +183,8 @@ class MissionNavigator:
         """A mission ends when the policy no longer drives: nobody may resume it unawares."""
         state = tick.verdict.state
         if self._driving and state is not State.AUTO:
-            drove_on = self._path is None and not self.searches
-            arrived = self.status is not None and self.status.phase == "arrived"
-            self._learned = self._glimpse is not None and (arrived or drove_on)
+            if self._finding is not None:
+                self._finding.learned = self._path is None and self._finding.sure
             self.end("stopped", tick.verdict.sentence)
         self._driving = state is State.AUTO
 
@@ -222,26 +218,13 @@ class MissionNavigator:
         if pose is not None and self._path is not None and self.status is not None:
             way = self._follow(guidance, self._path, pose, self.status)
             return way._replace(ahead=self._ahead(now_s, self._path, pose))
-        on = self._way_on(now_s)
+        on = self._finding.on(now_s, self._driving) if self.searches and self._finding else None
         return guidance if on is None else self._drive_on(guidance, on, now_s)
 
     @property
     def searches(self) -> bool:
         """Whether it may drive on without a destination, until it knows its place and wheels."""
-        if self._glimpse is None or self._path is not None:
-            return False
-        sure = (SURE_M, SURE_RAD, SURE_SCALE)
-        told = (*self._fusion.certainty[0], self._fusion.scale_deviations[0])
-        return self.pose is None or not all(a <= b for a, b in zip(told, sure))
-
-    def _way_on(self, now_s: float) -> Optional[On]:
-        if not self.searches:
-            return None
-        if self.pose is None:
-            return None if self._search is None else self._search.on(now_s)
-        if not self._driving:
-            self._on.lay(self.pose)  # somebody may carry it
-        return self._on.on(self._fix, now_s)
+        return self._path is None and self._finding is not None and not self._finding.sure
 
     def _drive_on(self, guidance: Guidance, on: On, now_s: float) -> Guidance:
         """Who looks for its place may drive on as a lane keeper does, while it sees a lane."""
@@ -305,8 +288,8 @@ class MissionNavigator:
         last, self._odometer = self._odometer, self._odometry()
         arc_m, turn_rad = last.arc_to(self._odometer)
         self._fusion.move(np.array([arc_m]), np.array([turn_rad]), now_s)
-        if self._search is not None:
-            self._search.move(arc_m, turn_rad, now_s)
+        if self._finding is not None:
+            self._finding.move(arc_m, turn_rad, now_s)
         self._driven_m += arc_m
         self._way.stepped(now_s, self._odometer)
 
@@ -341,15 +324,8 @@ class MissionNavigator:
         if glimpsed is None:
             return
         seen, taken_s = glimpsed
-        self._fix.see(seen, np.ones(1, dtype=bool), taken_s)
-        if self.pose is not None:
-            self._search = None
-        elif self._search is None:  # who is told nothing looks for its place, driven by hand
-            self._search = Whereabouts(self._graph, self._views[0])
-        else:
-            for pose, deviations in self._search.see(seen, taken_s):
-                self._fusion.put(np.arange(1), np.array([pose]), deviations)
-                self._fix.took_s[:] = taken_s
+        if self._finding is not None:
+            self._finding.see(seen, taken_s)
         if self._watch is not None:
             self._watch.saw(seen, self._driven_m, taken_s)
 

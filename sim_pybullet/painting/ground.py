@@ -54,8 +54,7 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
         paints,
         np.array([base_rgb.get(kind, look.outside_rgb) for kind, _ in names], np.float32),
         np.array([look.white_rgb, look.yellow_rgb, look.red_rgb], np.float32),
-        tile_seam(size) * np.float32(look.seam_depth),
-        on_mat.astype(np.float32),
+        on_mat[:, None, None] * (tile_seam(size) * np.float32(look.seam_depth)),
         noise.grain * np.float32(look.grain),
         paint_left(noise, look),
         _light(index.shape, size, look),
@@ -111,6 +110,8 @@ def _unit(field: np.ndarray) -> np.ndarray:
 
 def soft_light(cells: tuple[int, int], shape: tuple[int, ...], look: GroundLook) -> np.ndarray:
     """Brightness with its large soft light and dark areas, drawn as cells, (H, W) float32."""
+    if look.patchiness == 0.0:
+        return np.full(shape, look.brightness, np.float32)
     rng = np.random.default_rng((look.texture_seed, 1))
     soft = rng.uniform(-1.0, 1.0, cells).astype(np.float32)
     soft = np.asarray(cv2.resize(soft, shape[1::-1], interpolation=cv2.INTER_CUBIC))
@@ -120,10 +121,7 @@ def soft_light(cells: tuple[int, int], shape: tuple[int, ...], look: GroundLook)
 def _light(tiles: tuple[int, ...], size: int, look: GroundLook) -> np.ndarray:
     """Brightness of the whole floor, (H, W) float32."""
     shape = (tiles[0] * size, tiles[1] * size)
-    if look.patchiness == 0.0:
-        light = np.full(shape, look.brightness, np.float32)
-    else:
-        light = soft_light((2 * tiles[0] + 1, 2 * tiles[1] + 1), shape, look)
+    light = soft_light((2 * tiles[0] + 1, 2 * tiles[1] + 1), shape, look)
     if look.shadows == 0.0:
         return light
     rng = np.random.default_rng((look.texture_seed, 2))
@@ -136,8 +134,7 @@ def _compose(
     paints: np.ndarray,
     bases: np.ndarray,
     colours: np.ndarray,
-    seam: np.ndarray,
-    has_seam: np.ndarray,
+    seams: np.ndarray,
     grain: np.ndarray,
     kept: np.ndarray,
     brightness: np.ndarray,
@@ -148,7 +145,7 @@ def _compose(
         index: (rows, columns) integers, which of the K tile pictures lies where.
         paints: (K, T, T, 3) uint8 coverage of the three paints.
         bases, colours: (K, 3) and (3, 3) float32, ground of each tile and colour of each paint.
-        seam, has_seam: (T, T) darkening at the joints [grey levels] and (K,) its share.
+        seams: (K, T, T) float32, darkening at the joints [grey levels].
         grain, kept: (S, S) float32, S a power of two: noise [grey levels], share of paint left.
         brightness: (rows * T, columns * T) float32 factor.
     """
@@ -161,7 +158,7 @@ def _compose(
         for column in range(width):
             u = column % size
             tile = index[row // size, column // size]
-            noise = grain[row & mask, column & mask] - seam[v, u] * has_seam[tile]
+            noise = grain[row & mask, column & mask] - seams[tile, v, u]
             left = kept[row & mask, column & mask] / np.float32(255.0)
             white = paints[tile, v, u, 0] * left
             yellow = paints[tile, v, u, 1] * left

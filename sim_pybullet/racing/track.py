@@ -7,6 +7,7 @@ wide is then as wide as a Duckietown tile, and the robot as large as a car.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import NamedTuple
 
@@ -140,6 +141,7 @@ def mirrored(track: Track) -> Track:
     return replace(track, name=f"{track.name} mirrored", segments=segments)
 
 
+@lru_cache(maxsize=16)
 def centre_line(track: Track) -> CentreLine:
     """The track, closed, at `SCALE`, with a point every `SPACING_M` of the real one."""
     track = close(track)

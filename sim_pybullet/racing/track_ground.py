@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit, prange
 
-from sim_pybullet.look import GroundLook, Look
+from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import outside_rgb, paint_left, soft_light, surface_noise
 from sim_pybullet.racing.track import SCALE, SPACING_M, CentreLine, Track, centre_line
 from sim_pybullet.scene import Ground, SemanticClass, Solid
@@ -37,6 +37,7 @@ def paint_track(track: Track, look: Look) -> Ground:
     bends = np.asarray(np.stack([np.roll(bend, k) for k in around]).any(axis=0))
     ground = look.ground
     noise = surface_noise(ground.texture_seed)
+    height, width = (math.ceil(side * texel_m / _PATCH_M) + 1 for side in offset_m.shape)
     rgb, classes = lay(
         offset_m,
         arc_m,
@@ -45,7 +46,7 @@ def paint_track(track: Track, look: Look) -> Ground:
         _sizes(line, look, texel_m),
         noise.grain * np.float32(ground.grain),
         paint_left(noise, ground),
-        _brightness(offset_m.shape, texel_m, ground),
+        soft_light((height, width), offset_m.shape, ground),
     )
     north_m = classes.shape[0] * texel_m
     return Ground(rgb, classes, texel_m, 0.0, north_m, outside_rgb(ground))
@@ -85,18 +86,9 @@ def _sizes(line: CentreLine, look: Look, texel_m: float) -> np.ndarray:
     """See `sim_pybullet.racing.track_ground.lay`; all lengths in metres of the world."""
     wide = look.ground.line_width_scale
     real = (LINE_M * wide, KERB_M, STONE_M, CENTRE_LINE_M * wide, look.track.dashes_m)
-    edge, kerb, stone, middle, period = (SCALE * value for value in real)
+    road = (line.half_width_m, line.verge_m, *(SCALE * value for value in real))
     spacing = line.path.length_m / len(line.curvature)
-    road = (line.half_width_m, line.verge_m, edge, kerb, stone, middle, period)
     return np.array((*road, look.track.centre_line, spacing, texel_m))
-
-
-def _brightness(shape: tuple[int, ...], texel_m: float, look: GroundLook) -> np.ndarray:
-    """The floor's brightness with its large soft light and dark areas, (H, W) or (1, 1) float32."""
-    if look.patchiness == 0.0:
-        return np.full((1, 1), look.brightness, np.float32)
-    cells = [math.ceil(side * texel_m / _PATCH_M) + 1 for side in shape[:2]]
-    return soft_light((cells[0], cells[1]), shape, look)
 
 
 def track_walls(track: Track, look: Look) -> tuple[Solid, ...]:
@@ -219,7 +211,7 @@ def lay(
         sizes: half width, verge, edge line, kerb, length of a kerb stone, centre line, its dashes'
             period, its opacity, point spacing, texel.
         grain, kept: (S, S) float32, S a power of two: noise [grey levels], share of paint left.
-        brightness: (H, W) float32 factor, or (1, 1) for one everywhere.
+        brightness: (H, W) float32 factor.
     """
     half, verge, line, kerb, stone, middle, period, opacity, spacing, texel = sizes
     height, width = offset.shape
@@ -228,8 +220,8 @@ def lay(
     for v in prange(height):
         for u in range(width):
             away = abs(offset[v, u])
-            light = brightness[v % len(brightness), u % brightness.shape[1]]
-            noise, paint = grain[v & mask, u & mask], kept[v & mask, u & mask]
+            light, noise = brightness[v, u], grain[v & mask, u & mask]
+            paint = kept[v & mask, u & mask]
             base, kind, white, yellow = OUTSIDE, _OUTSIDE, 0.0, 0.0
             if away < half:
                 base, kind = ROAD, _ROAD

@@ -1,1 +1,1 @@
-"""The two cameras: rays read from the painted floor, and PyBullet's own picture."""
+"""The camera: rays read from the painted floor, and solids over it."""

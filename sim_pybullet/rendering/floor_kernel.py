@@ -19,8 +19,8 @@ class FloorViews(NamedTuple):
 
     ``placed`` (N, 4) float64 is where they stand in the texture: column and row of the robot's
     origin [texels], cosine and sine of its heading. ``slots`` (N,) names their floor tables, which
-    are one ``FloorTable`` of arrays (S, ...); ``addresses`` (N,) and ``levels`` (N, L, 3) their
-    ``MipTexture``.
+    are one ``FloorTable`` of arrays (S, ...); ``addresses`` (N,) and ``levels`` (N, L, 3) are
+    of `mip_texture`.
     """
 
     placed: np.ndarray
@@ -80,7 +80,8 @@ def _draw_rows(
     texels = carray(_as_texels(views.addresses[i]), levels[-1, 0] + levels[-1, 1] * levels[-1, 2])  # type: ignore[call-arg]
     width = len(picture) // (3 * (tables.first_run.shape[1] - 1))
     row = _Row(np.empty(width, np.uint32), np.empty(width, np.uint32), np.empty(width, np.uint64))
-    x, y, dx, dy = tables.x[slot], tables.y[slot], tables.dx[slot], tables.dy[slot]
+    table = tables.points[slot]  # slices of its rows are contiguous, or this is half as fast
+    x, y, dx, dy = table[0], table[1], table[2], table[3]
     done = 3 * first_row * width
     for run in range(tables.first_run[slot, first_row], tables.first_run[slot, last_row]):
         first, last, level, log_taps = tables.runs[slot, run]
@@ -158,10 +159,11 @@ def _store(picture: np.ndarray, sums: np.ndarray, shift: np.uint64) -> None:
 @njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")
 def label_floor(labels: np.ndarray, views: FloorViews, tables: FloorTable) -> None:
     """Fill labels (N, P) uint8 with the class that each pixel's ray meets."""
-    x, y, dx, dy, runs, first_run = tables
+    points, runs, first_run = tables
     placed, slots, addresses, levels = views
     for i in prange(len(labels)):
         slot = slots[i]
+        x, y, dx, dy = points[slot]
         wide, high = levels[i, 0, 1], levels[i, 0, 2]
         texels = carray(_as_texels(addresses[i]), wide * high)  # type: ignore[call-arg]
         column0, row0, c, s = placed[i]
@@ -170,8 +172,8 @@ def label_floor(labels: np.ndarray, views: FloorViews, tables: FloorTable) -> No
             middle = 0.5 * ((1 << log_taps) - 1)
             scale = float(1 << level)
             for p in range(first, last):
-                px = (x[slot, p] + middle * dx[slot, p]) * scale
-                py = (y[slot, p] + middle * dy[slot, p]) * scale
+                px = (x[p] + middle * dx[p]) * scale
+                py = (y[p] + middle * dy[p]) * scale
                 u = min(max(c * px - s * py + column0 + 1.0, 0.0), wide - 1.0)
                 v = min(max(row0 - s * px - c * py + 1.0, 0.0), high - 1.0)
                 texel = texels[np.int64(math.floor(v)) * wide + np.int64(math.floor(u))]

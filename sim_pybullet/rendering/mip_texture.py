@@ -5,7 +5,6 @@ bits 24..31, so that ``(t | t << 32) & LANES`` spreads the colours over a 64-bit
 add up sixteen weighted texels. Each level has a border of one texel of the outside colour.
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
 from weakref import WeakKeyDictionary
 
@@ -15,23 +14,16 @@ from numba import njit, prange
 from sim_pybullet.rendering.rays import LEVELS
 from sim_pybullet.scene import Ground, SemanticClass
 
-
-@dataclass(frozen=True)
-class MipTexture:
-    """All levels one after the other: ``texels`` (T,) uint32; ``levels`` (L, 3) int32 rows of
-    offset, width and height, borders included."""
-
-    texels: np.ndarray
-    levels: np.ndarray
-
-
+MipTexture = tuple[np.ndarray, np.ndarray]
 _PACKED: WeakKeyDictionary[Ground, dict[float, MipTexture]] = WeakKeyDictionary()
 
 
 def mip_texture(ground: Ground, shade: float) -> MipTexture:
     """The pyramid of a floor under light that multiplies its colours by ``shade``.
 
-    It is kept as long as the Ground lives: all cameras read the same one.
+    The texels (T,) uint32 of all levels, one after the other, and rows (L, 3) int32 of their
+    offset, width and height, borders included. They are kept as long as the Ground lives: all
+    cameras read the same ones.
     """
     packed = _PACKED.setdefault(ground, {})
     if shade not in packed:
@@ -53,7 +45,7 @@ def _build(ground: Ground, shade: float) -> MipTexture:
     _pack(ground.rgb, ground.classes, np.float32(shade), views[0][1 : height + 1, 1 : width + 1])
     for finer, coarser in pairwise(views):
         _halve(finer[1:-1, 1:-1], coarser[1:-1, 1:-1])
-    return MipTexture(texels, levels)
+    return texels, levels
 
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True)

@@ -17,13 +17,13 @@ from sim_pybullet.rendering.rays import (
     floor_table,
     pixel_rays,
 )
-from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids, place_movers
+from sim_pybullet.rendering.solid_geometry import place_movers
+from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
 from sim_pybullet.rendering.solid_table import (
     AZIMUTHS,
     ELEVATIONS,
     direction_table,
     light_row,
-    mover_rows,
     solid_rows,
 )
 from sim_pybullet.scene import Mover, Scene
@@ -40,18 +40,14 @@ class RigTables:
         self._wanted: list[FloorTable | None] = [None] * n_robots
         self._stored: list[FloorTable | None] = [None] * n_robots
         self.slots = np.zeros(n_robots, np.int64)
-        self._points = np.zeros((4, n_robots, height * width), np.float32)
-        self._runs = np.zeros((n_robots, 4 * height, 4), np.int32)
-        self._first_run = np.zeros((n_robots, height + 1), np.int32)
+        self.floor = FloorTable(  # of all slots
+            np.zeros((n_robots, 4, height * width), np.float32),
+            np.zeros((n_robots, 4 * height, 4), np.int32),
+            np.zeros((n_robots, height + 1), np.int32),
+        )
         self.directions = np.zeros((n_robots, 3, height, width), np.float32)
         self.cells = np.zeros((n_robots, AZIMUTHS, ELEVATIONS, 4), np.int16)
         self.pixel_rad = np.zeros(n_robots)
-
-    @property
-    def floor(self) -> FloorTable:
-        """The floor tables of all slots."""
-        x, y, dx, dy = self._points  # each contiguous, or the kernel is half as fast
-        return FloorTable(x, y, dx, dy, self._runs, self._first_run)
 
     def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
         """Let robot ``i`` see through this rig, over a floor of this texel size."""
@@ -65,10 +61,9 @@ class RigTables:
         slot = next(k for k, stored in enumerate(self._stored) if id(stored) not in used)
         self.slots[i] = slot
         self._stored[slot] = floor
-        self._points[:, slot] = floor.x, floor.y, floor.dx, floor.dy
-        self._runs = _with_room(self._runs, len(floor.runs))
-        self._runs[slot, : len(floor.runs)] = floor.runs
-        self._first_run[slot] = floor.first_run
+        self.floor = self.floor._replace(runs=_with_room(self.floor.runs, len(floor.runs)))
+        self.floor.points[slot], self.floor.first_run[slot] = floor.points, floor.first_run
+        self.floor.runs[slot, : len(floor.runs)] = floor.runs
         self.directions[slot] = np.moveaxis(pixel_rays(rig, self._image).directions, -1, 0)
         self.cells[slot], self.pixel_rad[slot] = direction_table(rig, self._image)
 
@@ -81,7 +76,7 @@ def _with_room(array: np.ndarray, length: int) -> np.ndarray:
 
 
 class RayCamera:
-    """Draws N robots' pictures in one call; keeps `sim_pybullet.rendering.camera.BatchCamera`.
+    """Draws N robots' pictures in one call, in fresh arrays.
 
     Every robot may have its own scene and rig; equal rigs share tables, scenes with the same
     ``Ground`` and light its packed floor. Neither may be changed in place after it was given.
@@ -102,7 +97,9 @@ class RayCamera:
         self._tables = RigTables(n_robots, image)
         self._rows = np.zeros((n_robots, 0, 13))  # of the solids in each robot's scene
         self._counts = np.zeros(n_robots, np.int64)
-        self._parts, self._owners = mover_rows(movers)
+        self._parts = solid_rows(tuple(solid for mover in movers for solid in mover))
+        owners = [number for number, mover in enumerate(movers) for _ in mover]
+        self._owners = np.array(owners, int)  # (D,) whose part each of the D rows is
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -112,7 +109,7 @@ class RayCamera:
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Give robot ``i`` its world and its camera."""
         ground, light = scene.ground, scene.light
-        texture = mip_texture(ground, floor_shade(light))
+        texels, self._levels[i] = mip_texture(ground, floor_shade(light))
         self._scenes[i] = scene
         if scene not in _ROWS:
             _ROWS[scene] = solid_rows(scene.solids)
@@ -120,8 +117,7 @@ class RayCamera:
         self._rows = _with_room(self._rows, len(rows) + len(self._parts))
         self._rows[i, : len(rows)], self._counts[i] = rows, len(rows)
         self._skies[i], self._sky_kinds[i] = background(rig, self._image, scene)
-        self._addresses[i] = texture.texels.ctypes.data
-        self._levels[i] = texture.levels
+        self._addresses[i] = texels.ctypes.data
         self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
         self._eyes[i] = rig.mount.position_m
         self._lights[i] = light_row(light)
@@ -152,9 +148,9 @@ class RayCamera:
         """(N, H, W) uint8, values of SemanticClass."""
         robots = np.arange(len(self._scenes))
         poses = self._checked(poses, len(robots))
-        labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
-        flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
+        flat = self._sky_kinds.copy()
         label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
+        labels = flat.reshape(len(poses), *self.shape[:2])
         self._draw_solids(labels[..., None], poses, robots, movers)
         return labels
 
@@ -203,3 +199,16 @@ class RayCamera:
             tables.pixel_rad,
         )
         draw_solids(pictures, views)
+
+
+class NoCamera:
+    """In the place of a `RayCamera` for who needs no pictures: black dots."""
+
+    shape = (1, 1, 3)
+
+    def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
+        """Nothing to do."""
+
+    def render(self, poses: np.ndarray, *_: object) -> np.ndarray:
+        """(M, 1, 1, 3) zeros."""
+        return np.zeros((len(poses), *self.shape), np.uint8)

@@ -37,14 +37,12 @@ class FloorTable(NamedTuple):
     """The floor points of P = H * W pixels, in texels of the mip level that each is read from.
 
     A pixel averages ``taps`` samples at (x + k * dx, y + k * dy), k = 0, 1, …: robot frame, x
-    forward and y left. ``runs`` (R, 4) int32 cuts each row into first pixel, last pixel + 1, level
-    and log2(taps); what no run covers is sky. Row r has the runs first_run[r]..first_run[r + 1].
+    forward and y left. ``points`` (4, P) float32 are x, y, dx and dy. ``runs`` (R, 4) int32 cuts
+    each row into first pixel, last pixel + 1, level and log2(taps); what no run covers is sky. Row
+    r has the runs first_run[r]..first_run[r + 1].
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    dx: np.ndarray
-    dy: np.ndarray
+    points: np.ndarray
     runs: np.ndarray
     first_run: np.ndarray
 
@@ -77,12 +75,10 @@ def floor_table(rig: CameraRig, image: ImageSpec, texel_m: float) -> FloorTable:
     level = np.clip(level, 0, LEVELS - 1)
     step = longer / taps[..., None]
     start = points - 0.5 * (taps[..., None] - 1.0) * step
-    to_level = np.exp2(-level)[..., None]
+    taken = np.concatenate((start, step), axis=-1) * np.exp2(-level)[..., None]
     floor = (horizon_share(rays) == 1.0) & rays.seen
     runs, first_run = _runs(floor, level.astype(np.int32), np.log2(taps).astype(np.int32))
-    x, y = np.moveaxis(start * to_level, -1, 0).reshape(2, -1).astype(np.float32)
-    dx, dy = np.moveaxis(step * to_level, -1, 0).reshape(2, -1).astype(np.float32)
-    return FloorTable(x, y, dx, dy, runs, first_run)
+    return FloorTable(taken.reshape(-1, 4).T.astype(np.float32, order="C"), runs, first_run)
 
 
 def _footprints(

@@ -5,27 +5,38 @@ import math
 import numpy as np
 from numba import njit
 
-from sim_pybullet.rendering.solid_table import (
-    AZIMUTHS,
-    BASE,
-    BLUE,
-    COS,
-    CYLINDER,
-    ELEVATIONS,
-    GREEN,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    RED,
-    SHAPE,
-    SIN,
-    TOP,
-    X,
-    Y,
-)  # fmt: skip
+from sim_pybullet.rendering.solid_table import AZIMUTHS, ELEVATIONS
+
+CYLINDER = 1  # in the column SHAPE; a box is 0
+# Columns of a row: position, heading, half extents, underside and top [m], looks.
+X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, SHAPE, KIND, RED, GREEN, BLUE = range(13)
 
 NO_HIT = 1e9
 Outline = tuple[float, float, float, float]  # azimuth, half its spread, lowest, highest [rad]
 _FAST = {"contract", "arcp", "nsz", "reassoc"}  # not nnan, ninf: a ray may be level with a face
+
+
+@njit(cache=True)
+def place_movers(
+    rows: np.ndarray, last: np.ndarray, parts: np.ndarray, owners: np.ndarray, poses: np.ndarray
+) -> None:
+    """Append the parts of what moves to what stands around M robots.
+
+    ``rows`` (R, 13), of robot i up to last[i] (M,), which moves on; ``parts`` (D, 13) about the
+    origins of the movers that ``owners`` (D,) names; ``poses`` (M, U, 3) of these, not finite where
+    one is not there.
+    """
+    for i in range(len(poses)):
+        for k in range(len(parts)):
+            x, y, heading = poses[i, owners[k]]
+            if math.isfinite(x):
+                part, row = parts[k], rows[last[i]]
+                c, s = math.cos(heading), math.sin(heading)
+                row[:] = part
+                row[X], row[Y] = x + c * part[X] - s * part[Y], y + s * part[X] + c * part[Y]
+                row[COS] = c * part[COS] - s * part[SIN]
+                row[SIN] = s * part[COS] + c * part[SIN]
+                last[i] += 1
 
 
 @njit(cache=True)

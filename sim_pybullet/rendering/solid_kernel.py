@@ -7,7 +7,10 @@ import numpy as np
 from numba import njit, prange
 
 from sim_pybullet.rendering.solid_geometry import (
+    CYLINDER,
+    KIND,
     NO_HIT,
+    SHAPE,
     face_colours,
     meet_box,
     meet_cylinder,
@@ -15,7 +18,6 @@ from sim_pybullet.rendering.solid_geometry import (
     pixel_box,
     to_camera,
 )
-from sim_pybullet.rendering.solid_table import COS, CYLINDER, KIND, SHAPE, SIN, X, Y
 
 
 class SolidViews(NamedTuple):
@@ -23,7 +25,7 @@ class SolidViews(NamedTuple):
 
     ``poses`` (N, 3); ``eyes`` (N, 3) the camera in the robot frame [m]; ``lights`` (N, 5) as
     ``light_row``; ``rows`` (K, 13) as ``solid_rows``, robot i seeing first[i]..last[i];
-    ``slots`` (N,) names each robot's ``directions`` (S, 3, H, W) and ``DirectionTable``.
+    ``slots`` (N,) names each robot's ``directions`` (S, 3, H, W) and `direction_table`.
     """
 
     poses: np.ndarray
@@ -50,28 +52,6 @@ class Canvas(NamedTuple):
     rays: np.ndarray
     depth: np.ndarray
     seen: np.ndarray
-
-
-@njit(cache=True)
-def place_movers(
-    rows: np.ndarray, last: np.ndarray, parts: np.ndarray, owners: np.ndarray, poses: np.ndarray
-) -> None:
-    """Append the parts of what moves to what stands around M robots.
-
-    ``rows`` (R, 13), of robot i up to last[i] (M,), which moves on; ``parts`` (D, 13) and
-    ``owners`` (D,) as `mover_rows`; ``poses`` (M, U, 3), not finite where a mover is not there.
-    """
-    for i in range(len(poses)):
-        for k in range(len(parts)):
-            x, y, heading = poses[i, owners[k]]
-            if math.isfinite(x):
-                part, row = parts[k], rows[last[i]]
-                c, s = math.cos(heading), math.sin(heading)
-                row[:] = part
-                row[X], row[Y] = x + c * part[X] - s * part[Y], y + s * part[X] + c * part[Y]
-                row[COS] = c * part[COS] - s * part[SIN]
-                row[SIN] = s * part[COS] + c * part[SIN]
-                last[i] += 1
 
 
 @njit(parallel=True, nogil=True, cache=True)

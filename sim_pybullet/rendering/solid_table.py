@@ -2,7 +2,6 @@
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,17 +9,13 @@ from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.look import LightLook
 from sim_pybullet.rendering.rays import pixel_rays
-from sim_pybullet.scene import Mover, Solid
-
-CYLINDER = 1  # in the column SHAPE; a box is 0
-# Columns of a row: position, heading, half extents, underside and top [m], looks.
-X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, SHAPE, KIND, RED, GREEN, BLUE = range(13)
+from sim_pybullet.scene import Solid
 
 AZIMUTHS, ELEVATIONS = 120, 60  # cells of 3 by 3 degrees
 
 
 def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
-    """(K, 13) float64, one row per solid in the world frame; columns as named above."""
+    """(K, 13) float64, one row per solid in the world frame; columns: `solid_geometry`."""
     rows = [
         (
             solid.x_m,
@@ -40,15 +35,6 @@ def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
     return np.array(rows, dtype=np.float64).reshape(len(solids), 13)
 
 
-def mover_rows(movers: tuple[Mover, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """The parts of what moves, (D, 13) as of `solid_rows`, and whose part each is, (D,) int.
-
-    The solids of each mover stand about its own origin.
-    """
-    owners = [number for number, solids in enumerate(movers) for _ in solids]
-    return solid_rows(tuple(solid for solids in movers for solid in solids)), np.array(owners, int)
-
-
 def light_row(light: LightLook) -> np.ndarray:
     """(5,): unit vector to the light in the world frame, ambient and diffuse share."""
     level = math.cos(light.elevation_rad)
@@ -56,21 +42,14 @@ def light_row(light: LightLook) -> np.ndarray:
     return np.array((*direction, math.sin(light.elevation_rad), light.ambient, light.diffuse))
 
 
-class DirectionTable(NamedTuple):
-    """Which way a picture's pixels look, for finding the pixels that look at something.
-
-    ``cells`` (AZIMUTHS, ELEVATIONS, 4) int16: first and last row, first and last column of the
-    pixels that look into a cell, one pixel more on each side; an empty cell has first above last.
-    Azimuths count from behind, elevations from straight down. ``pixel_rad``: the widest pixel.
-    """
-
-    cells: np.ndarray
-    pixel_rad: float
-
-
 @lru_cache(maxsize=256)
-def direction_table(rig: CameraRig, image: ImageSpec) -> DirectionTable:
-    """The directions of a rig's pixels in the robot frame."""
+def direction_table(rig: CameraRig, image: ImageSpec) -> tuple[np.ndarray, float]:
+    """Which way a rig's pixels look in the robot frame, to find those that look at something.
+
+    Cells (AZIMUTHS, ELEVATIONS, 4) int16: first and last row, first and last column of the pixels
+    that look into each, one pixel more on each side; an empty one has first above last. Azimuths
+    count from behind, elevations from straight down. And the width of the widest pixel [rad].
+    """
     rays = pixel_rays(rig, image)
     d = rays.directions
     azimuth, elevation = np.arctan2(d[..., 1], d[..., 0]), np.arcsin(np.clip(d[..., 2], -1.0, 1.0))
@@ -87,7 +66,4 @@ def direction_table(rig: CameraRig, image: ImageSpec) -> DirectionTable:
     bounds[:, 0::2] = np.maximum(bounds[:, 0::2], 0)
     bounds[:, 1::2] = np.minimum(bounds[:, 1::2], last)
     steps = [np.linalg.norm(np.diff(d, axis=k), axis=-1).max(initial=0.0) for k in (0, 1)]
-    return DirectionTable(
-        bounds.reshape(AZIMUTHS, ELEVATIONS, 4).astype(np.int16),
-        float(max(steps)),
-    )
+    return bounds.reshape(AZIMUTHS, ELEVATIONS, 4).astype(np.int16), float(max(steps))

@@ -2,17 +2,12 @@
 
 import math
 
-from robot.errors import MapError, nearest
 from robot.navigation.map_objects import MapObject, colours, kinds
 from sim_pybullet.scene import SemanticClass, Solid
 
 
 def object_solids(item: MapObject) -> tuple[Solid, ...]:
     """The solids that one object of a map is made of; none for marks on the floor."""
-    if item.kind not in kinds():
-        raise MapError(
-            f"object {item.name}: unknown kind {item.kind!r}; {nearest(item.kind, kinds())}"
-        )
     kind = kinds()[item.kind]
     scale = item.height_m
     c, s = math.cos(item.heading_rad), math.sin(item.heading_rad)

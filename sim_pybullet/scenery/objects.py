@@ -1,7 +1,6 @@
 """What there is to see: a Duckietown map or a race track, painted and built alike under a Look."""
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -18,14 +17,13 @@ from sim_pybullet.scenery.clutter import clutter_solids, roadside
 from sim_pybullet.scenery.object_solids import object_solids
 
 Place = RoadMap | Track  # what there is to drive on
-_centre_line = lru_cache(8)(centre_line)
 OPTIONAL_SHARE = 0.5  # probability that an optional object stands there in an episode
 
 
 def lane_poses(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, 3) poses along random lanes, or the road of a track; MapError without any."""
     if isinstance(place, Track):
-        path = _centre_line(place).path
+        path = centre_line(place).path
         arcs_m = rng.uniform(0.0, path.length_m, count)
         return np.array([path.pose_at(arc_m) for arc_m in arcs_m.tolist()])
     if not place.lanes:
@@ -39,7 +37,7 @@ def lane_poses(place: Place, count: int, rng: np.random.Generator) -> np.ndarray
 
 
 def build_scene(place: Place, look: Look, rng: np.random.Generator) -> Scene:
-    """The floor, what stands on it, sky and light; errors and ``rng`` as of `place_solids`."""
+    """The floor, what stands on it, sky and light; ``rng`` as of `place_solids`."""
     solids = place_solids(place, look, rng)
     return Scene(paint_place(place, look), solids, look.sky, look.light)
 
@@ -52,10 +50,7 @@ def paint_place(place: Place, look: Look) -> Ground:
 
 
 def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[Solid, ...]:
-    """What stands there in an episode; ``rng`` picks a map's optional objects and its clutter.
-
-    MapError for an object of a kind that nobody can draw, with the nearest one.
-    """
+    """What stands there in an episode; ``rng`` picks a map's optional objects and its clutter."""
     if isinstance(place, Track):
         return track_walls(place, look)
     solids: list[Solid] = []

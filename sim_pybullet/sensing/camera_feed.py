@@ -8,9 +8,10 @@ from robot.geometry import wrap_angle
 from robot.inference.policy import Translator
 from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
-from sim_pybullet.rendering.camera import BatchCamera
+from sim_pybullet.rendering.ray_camera import NoCamera, RayCamera
+from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.scene import Scene
-from sim_pybullet.sensing.sensor import Gloss, Sensors
+from sim_pybullet.sensing.sensor import Sensors, add_gloss
 
 
 class CameraFeed:
@@ -23,6 +24,7 @@ class CameraFeed:
         crop_top_px: how many rows the camera leaves out above, see `robot.contract.ImageSpec`.
         translator: what every picture passes through last.
         movers: how many things the camera draws that move.
+        frames: how many of its last pictures a robot sees; the first one stands for its past.
 
     Attributes:
         shown: (N, 1 + U, 3) where the robots, and what moves, were when their newest picture was
@@ -32,19 +34,21 @@ class CameraFeed:
 
     def __init__(
         self,
-        camera: BatchCamera,
+        camera: RayCamera | NoCamera,
         n_robots: int,
         crop_top_px: int = 0,
         translator: Translator | None = None,
         dt_s: float = PHYSICS_DT_S,
         movers: int = 0,
+        frames: int = 1,
     ) -> None:
         self._camera, self._movers = camera, movers
         self._dt_s = dt_s
         self._translator = translator
         height, width, _ = camera.shape
         self._sensors = Sensors(n_robots, camera.shape, crop_top_px)
-        self._gloss = Gloss(n_robots, ImageSpec(width, height + crop_top_px, crop_top_px))
+        self._image = ImageSpec(width, height + crop_top_px, crop_top_px)
+        self._rays: list[np.ndarray | None] = [None] * n_robots  # where floors mirror the light
         self._scenes: list[Scene | None] = [None] * n_robots
         self._cameras: list[CameraLook | None] = [None] * n_robots
         self._headings, self._turns_radps = np.zeros(n_robots), np.zeros(n_robots)
@@ -52,14 +56,21 @@ class CameraFeed:
         self._past = DelayLine(n_robots, 4 + 4 * movers)
         self._skip = np.zeros(n_robots)
         self._first = np.ones(n_robots, dtype=bool)  # no picture of this episode was taken yet
-        self._shown = np.zeros((n_robots, *camera.shape), np.uint8)
+        self._frames = frames
+        self._stack = np.zeros((n_robots, *self.shape), np.uint8)
         self.shown = np.zeros((n_robots, 1 + movers, 3))
         self.fresh = np.zeros(n_robots, dtype=bool)
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(H, W, 3) of one picture."""
-        return self._camera.shape
+        """(H, W, 3 F) of what one robot sees."""
+        height, width, _ = self._camera.shape
+        return height, width, 3 * self._frames
+
+    @property
+    def newest(self) -> np.ndarray:
+        """(N, H, W, 3) the pictures that came last; black before the first."""
+        return self._stack[..., -3:].copy()
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
@@ -80,7 +91,8 @@ class CameraFeed:
         around = pose[None] if movers is None else np.vstack((pose, movers))
         self._past.reset(i, delay, _as_vectors(around).ravel())
         self._sensors.put(i, look.sensor)
-        self._gloss.put(i, look.rig(), scene.light)
+        rays = pixel_rays(look.rig(), self._image).directions if scene.light.gloss else None
+        self._rays[i] = rays
         self._headings[i], self._turns_radps[i] = pose[2], 0.0
         self._skip[i] = look.timing.frame_skip
         self._first[i] = True
@@ -98,9 +110,9 @@ class CameraFeed:
         robots: np.ndarray | None = None,
         noise_rng: np.random.Generator | None = None,
     ) -> np.ndarray:
-        """What arrives now: (M, H, W, 3) uint8 RGB in a fresh array, of all robots or of some.
+        """What is seen now: (M, H, W, 3 F) uint8 RGB in a fresh array, of all robots or of some.
 
-        The sensor's noise comes from ``noise_rng``, where there is one.
+        The newest picture comes last; the sensor's noise is ``noise_rng``'s, where there is one.
         """
         noise_rng = rng if noise_rng is None else noise_rng
         x, y, cosine, sine = np.moveaxis(self._past.read().reshape(len(self._skip), -1, 4), -1, 0)
@@ -109,49 +121,28 @@ class CameraFeed:
         chosen = np.arange(len(poses)) if robots is None else robots
         moving = (around[chosen, 1:],) if self._movers else ()
         light = self._camera.render(poses[chosen], robots, *moving)
-        self._gloss.add(light, poses[chosen, 2], chosen)
+        for frame, heading_rad, i in zip(light, poses[chosen, 2].tolist(), chosen, strict=True):
+            rays, scene = self._rays[i], self._scenes[i]
+            if rays is not None and scene is not None:
+                add_gloss(frame, rays, scene.light, heading_rad)
         pictures = self._sensors.take(light, chosen, noise_rng, self._turns_radps[chosen])
         if self._translator is not None:
             pictures = self._translator(pictures)
-        again = np.zeros(len(chosen), dtype=bool)
+        again, first = np.zeros(len(chosen), dtype=bool), self._first[chosen]
         if self._skip.any():
-            again = (rng.random(len(pictures)) < self._skip[chosen]) & ~self._first[chosen]
-            pictures[again] = self._shown[chosen][again]
-            self._shown[chosen] = pictures
+            again = (rng.random(len(pictures)) < self._skip[chosen]) & ~first
+            pictures[again] = self._stack[chosen[again], ..., -3:]
         self.shown[chosen[~again]] = around[chosen[~again]]
         self.fresh[:] = False
         self.fresh[chosen[~again]] = True
-        self._first[chosen] = False
-        return pictures
+        rows = slice(None) if robots is None else robots  # a view is faster where all are drawn
+        seen = np.concatenate((self._stack[rows][..., 3:], pictures), axis=-1)
+        seen[first] = np.tile(pictures[first], self._frames)
+        self._stack[rows], self._first[chosen] = seen, False
+        return seen
 
 
 def _as_vectors(poses: np.ndarray) -> np.ndarray:
     """(..., 3) -> (..., 4)."""
     heading = poses[..., 2]
     return np.stack((poses[..., 0], poses[..., 1], np.cos(heading), np.sin(heading)), axis=-1)
-
-
-class FrameStack:
-    """Keeps ``frames`` pictures (H, W, 3) of each robot; the newest comes last."""
-
-    def __init__(self, n_robots: int, frames: int, shape: tuple[int, int, int]) -> None:
-        self._frames = frames
-        self.shape = (*shape[:2], frames * shape[2])  # of what one robot sees
-        self._stack = np.zeros((n_robots, *self.shape), np.uint8)
-
-    def push(self, pictures: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
-        """The next picture of every robot, or of robots (M,); their stacks in a fresh array."""
-        if self._frames == 1:
-            return pictures
-        chosen = slice(None) if robots is None else robots
-        kept = self._stack[chosen][..., pictures.shape[-1] :]
-        shown = np.concatenate((kept, pictures), axis=-1)
-        self._stack[chosen] = shown
-        return shown
-
-    def restart(self, robots: np.ndarray, pictures: np.ndarray) -> np.ndarray:
-        """The first pictures (M, H, W, 3) of robots (M,), which stand for their past as well."""
-        if self._frames == 1:
-            return pictures
-        self._stack[robots] = np.tile(pictures, self._frames)
-        return self._stack[robots]

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -107,8 +106,9 @@ class GuidanceFeed:
         else:
             self._move()
             told, captured_s = self._errors.observe(poses, self._now_s, rng)
-            told = np.where(self._silent()[:, None], np.nan, told)
-            self._fusion.measure(told, captured_s)
+            for_s, every_s = OVERHEAD[self._sources.overhead]
+            silent = (self._decisions - self._began) * CONTROL_DT_S % every_s >= for_s
+            self._fusion.measure(np.where(silent[:, None], np.nan, told), captured_s)
         self._believe(poses)
 
     def see(self, images: np.ndarray, fresh: np.ndarray, maps: np.ndarray) -> None:
@@ -128,11 +128,6 @@ class GuidanceFeed:
         self._fix.see(sight(images), fresh & ~self._exact, self._now_s)
         self.poses = np.where(self._exact[:, None], self.poses, self._fusion.poses)
 
-    @property
-    def certainty(self) -> np.ndarray:
-        """(N, 2) as of the filter; nothing of robots who know their true poses."""
-        return np.where(self._exact[:, None], 0.0, self._fusion.certainty)
-
     def path_inputs(self, paths: PathBatch) -> np.ndarray:
         """(N, 10) float32, see `robot.navigation.path.path_inputs`, on paths of the robots."""
         at = paths.project(self.poses[:, :2], self._hints)
@@ -142,11 +137,6 @@ class GuidanceFeed:
     @property
     def _now_s(self) -> float:
         return self._decisions * CONTROL_DT_S
-
-    def _silent(self) -> np.ndarray:
-        """(N,) bool: whose overhead camera says nothing now."""
-        for_s, every_s = OVERHEAD[self._sources.overhead]
-        return np.asarray((self._decisions - self._began) * CONTROL_DT_S % every_s >= for_s)
 
     def _move(self) -> None:
         forward_m, turn_rad = self._driven.T.copy()
@@ -161,22 +151,13 @@ class GuidanceFeed:
 OUTLIER_M = 1.0  # an outlier is up to this far off in each coordinate
 
 
-class OverheadPoses(NamedTuple):
-    """Poses (N, 3) in the world, NaN rows where none arrived, and capture times (N,) [s]."""
-
-    poses: np.ndarray
-    captured_s: np.ndarray
-
-
 class PoseError:
     """One ``PoseLook`` per robot; errors are Ornstein-Uhlenbeck processes.
 
-    Args:
-        dt_s: time between two calls of ``observe``; delays are rounded to whole calls.
+    ``observe`` is called at every decision; delays are rounded to whole ones.
     """
 
-    def __init__(self, count: int, dt_s: float = CONTROL_DT_S) -> None:
-        self._dt_s = dt_s
+    def __init__(self, count: int) -> None:
         self._deviations = np.zeros((count, 3))
         self._keep = np.ones((count, 1))  # of the error, from one call to the next
         self._delay_s = np.zeros(count)
@@ -189,10 +170,10 @@ class PoseError:
     def reset(self, robot: int, look: PoseLook, rng: np.random.Generator) -> None:
         """Begin an episode of one robot, its error drawn from the stationary distribution."""
         self._deviations[robot] = look.position_m, look.position_m, look.heading_rad
-        self._keep[robot] = math.exp(-self._dt_s / max(look.correlation_s, 1e-6))
-        calls = round(look.delay_s / self._dt_s)
-        self._delay_s[robot] = calls * self._dt_s
-        self._gap_begins[robot] = look.dropout_per_s * self._dt_s
+        self._keep[robot] = math.exp(-CONTROL_DT_S / max(look.correlation_s, 1e-6))
+        calls = round(look.delay_s / CONTROL_DT_S)
+        self._delay_s[robot] = calls * CONTROL_DT_S
+        self._gap_begins[robot] = look.dropout_per_s * CONTROL_DT_S
         self._longest_gap_s[robot] = look.dropout_s
         self._outlier[robot] = look.outlier
         self._errors[robot] = rng.standard_normal(3) * self._deviations[robot]
@@ -203,8 +184,11 @@ class PoseError:
         """What was told (N, 3) of robots that have stood at these poses (N, 3) for a while."""
         return _off(poses, self._errors)
 
-    def observe(self, poses: np.ndarray, now_s: float, rng: np.random.Generator) -> OverheadPoses:
-        """What arrives now, of true poses (N, 3)."""
+    def observe(
+        self, poses: np.ndarray, now_s: float, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What arrives now, of true poses (N, 3): poses, NaN rows where none does; when they were
+        captured (N,) [s]."""
         spread = np.sqrt(1.0 - self._keep**2) * self._deviations
         self._errors = self._keep * self._errors + spread * rng.standard_normal(spread.shape)
         seen = _off(poses, self._errors)
@@ -215,12 +199,12 @@ class PoseError:
         self._sent.push(seen)
         arrived = self._sent.read()
         captured_s = np.where(np.isnan(arrived[:, 0]), -math.inf, now_s - self._delay_s)
-        return OverheadPoses(arrived, captured_s)
+        return arrived, captured_s
 
     def _missing(self, rng: np.random.Generator) -> np.ndarray:
         """(N,) bool: in a gap. No gap follows another without a pose between them."""
         begins = (rng.random(len(self._gap_s)) < self._gap_begins) & (self._gap_s <= 0.0)
-        self._gap_s -= self._dt_s
+        self._gap_s -= CONTROL_DT_S
         lengths = rng.random(len(self._gap_s)) * self._longest_gap_s
         self._gap_s = np.where(begins, lengths, self._gap_s)
         return np.asarray(self._gap_s > 0.0)

@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 from numba import njit
 
-from robot.contract import FRAME_WIDTH_PX, ImageSpec
-from robot.lens import DUCKIEBOT_LENS, CameraRig
+from robot.contract import FRAME_WIDTH_PX
+from robot.lens import DUCKIEBOT_LENS
 from sim_pybullet.look import LightLook, SensorLook
-from sim_pybullet.rendering.rays import pixel_rays
 
 # A turn by one radian moves the middle of a 160 px wide frame by so many pixels.
 PX_PER_RAD = DUCKIEBOT_LENS.fx_px * FRAME_WIDTH_PX / DUCKIEBOT_LENS.width_px
@@ -25,57 +24,34 @@ _INFRARED_RGB = np.array((1.15, 0.85, 1.05))
 
 
 def smeared(frames: np.ndarray, lengths_px: np.ndarray) -> np.ndarray:
-    """Frames (N, H, W, 3) averaged over so many pixels along the rows, one length per frame.
+    """The frames (N, H, W, 3), averaged in place over so many pixels along the rows of each.
 
     A robot on the floor turns about the vertical, so that its picture moves sideways.
     """
-    if not (lengths_px > _SMALLEST_SMEAR_PX).any():
-        return frames
-    seen = frames.copy()
     for k in np.flatnonzero(lengths_px > _SMALLEST_SMEAR_PX):
         half = int(np.ceil(0.5 * lengths_px[k]))
         offsets = np.abs(np.arange(-half, half + 1))
         weights = np.clip(0.5 * lengths_px[k] + 0.5 - offsets, 0.0, 1.0)[None]
-        seen[k] = cv2.filter2D(
+        frames[k] = cv2.filter2D(
             frames[k], -1, weights / weights.sum(), borderType=cv2.BORDER_REPLICATE
         )
-    return seen
+    return frames
 
 
-class Gloss:
-    """The light's mirror image in the floors of N robots.
+def add_gloss(frame: np.ndarray, rays: np.ndarray, light: LightLook, heading_rad: float) -> None:
+    """Add the light's mirror image in the floor to a frame (H, W, 3) uint8, in place.
 
-    Phong's model: the spot lies where a ray mirrored by the floor meets the light. Solids are not
-    told from the floor: the spot lies over them.
+    Phong's model: the spot lies where a ray (H, W, 3) mirrored by the floor meets the light, whose
+    direction is in the world frame. Solids are not told from the floor: the spot lies over them.
     """
-
-    def __init__(self, n_robots: int, image: ImageSpec) -> None:
-        self._image = image
-        self._lit: list[tuple[np.ndarray, LightLook] | None] = [None] * n_robots
-
-    def put(self, i: int, rig: CameraRig, light: LightLook) -> None:
-        """Robot ``i`` sees this light, whose direction is in the world frame, through this rig."""
-        rays = pixel_rays(rig, self._image).directions.reshape(-1, 3) if light.gloss else None
-        self._lit[i] = None if rays is None else (rays, light)
-
-    def add(self, frames: np.ndarray, headings: np.ndarray, robots: np.ndarray) -> None:
-        """To frames (M, H, W, 3) uint8 of robots (M,) at headings (M,) [rad], in place."""
-        for frame, heading, i in zip(frames, headings.tolist(), robots.tolist(), strict=True):
-            lit = self._lit[i]
-            if lit is not None:
-                _brighten(frame.reshape(-1, 3), lit[0], lit[1], heading)
-
-
-def _brighten(pixels: np.ndarray, rays: np.ndarray, light: LightLook, heading_rad: float) -> None:
-    """Add the spot of a light to pixels (P, 3) with these rays (P, 3), in place."""
     ahead, level = light.azimuth_rad - heading_rad, math.cos(light.elevation_rad)
     towards = (level * math.cos(ahead), level * math.sin(ahead), -math.sin(light.elevation_rad))
     lamp, variance = np.array(towards, np.float32), light.gloss_width_rad**2
     least = np.float32(1.0 + variance * math.log(_BARELY))
-    near, seen = _near(rays, lamp, least)
+    near, seen = _near(rays.reshape(-1, 3), lamp, least)
     # numpy's exp, not the compiler's: they differ in the last bit
     spot = np.exp((np.minimum(near, np.float32(1.0)) - np.float32(1.0)) / np.float32(variance))
-    _add(pixels, seen, np.float32(light.gloss * _LAMP) * spot)
+    _add(frame.reshape(-1, 3), seen, np.float32(light.gloss * _LAMP) * spot)
 
 
 @njit(nogil=True, cache=True)
@@ -144,16 +120,15 @@ class Sensors:
         frames: np.ndarray,
         robots: np.ndarray,
         rng: np.random.Generator,
-        turns_radps: np.ndarray | None = None,
+        turns_radps: np.ndarray | float = 0.0,
     ) -> np.ndarray:
         """The pictures of robots (M,) from frames (M, H, W, 3) uint8, which may be overwritten.
 
         ``rng`` is used only where a sensor has noise; M robots turn at ``turns_radps`` (M,).
         """
         looks = [self._looks[i] for i in robots.tolist()]
-        if turns_radps is not None:
-            shutters_s = np.array([look.shutter_s for look in looks])
-            frames = smeared(frames, self._scale * PX_PER_RAD * shutters_s * np.abs(turns_radps))
+        shutters_s = np.array([look.shutter_s for look in looks])
+        frames = smeared(frames, self._scale * PX_PER_RAD * shutters_s * np.abs(turns_radps))
         starts = np.zeros((len(looks), self._height), np.int64)
         if any(look.noise for look in looks):
             starts = rng.integers(0, _NOISE_SIZE, starts.shape)
@@ -183,7 +158,7 @@ def apply_sensor(
     looks: Sequence[SensorLook],
     rng: np.random.Generator,
     crop_top_px: int = 0,
-    turns_radps: np.ndarray | None = None,
+    turns_radps: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """What sensors make of frames (N, H, W, 3) uint8 RGB, one look for each; see `Sensors`."""
     sensors = Sensors(len(frames), frames.shape[1:], crop_top_px)

@@ -6,36 +6,17 @@ from functools import partial
 import numpy as np
 
 from robot.errors import ConfigError
-from robot.geometry import Pose
-from robot.navigation.map_objects import blocked
-from robot.navigation.path import Path, lane_loop
+from robot.navigation.path import lane_loop
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.following import (
-    DAWDLE,
-    HALF_LANE_TILES,
-    NOMINAL_STEP_M,
-    TERM_NAMES,
-    following_terms,
-)
-from sim_pybullet.tasks.spec import (
-    Choices,
-    Mission,
-    PaperRow,
-    Task,
-    TaskSpec,
-    TaskStep,
-    expect_some,
-    register,
-)
-from sim_pybullet.vehicle import WheeledRobots
+from sim_pybullet.tasks.following import Following
+from sim_pybullet.tasks.spec import Choices, PaperRow, TaskSpec, TaskStep, expect_some, register
 
 LANES = ("outer", "inner", "both")
 LAPS = 2.0
-_CLEAR_M = 0.3  # nobody begins nearer to what stands in the lane
 _PRACTICE_LAPS = 0.5  # more places, looks and bends for as many decisions
 
 
-class LaneKeeping(Task):
+class LaneKeeping(Following):
     """Drive ``laps`` laps along the middle of the outer lane, or of the inner one, or either.
 
     Traffic keeps right: the outer lane goes round counter-clockwise, the inner one clockwise. An
@@ -48,7 +29,6 @@ class LaneKeeping(Task):
     ConfigError for no maps, robots, laps or such lane; MapError for a map that is no ring of road.
     """
 
-    term_names: tuple[str, ...] = TERM_NAMES
     fact_names: tuple[str, ...] = ("laps",)
 
     def __init__(
@@ -63,36 +43,16 @@ class LaneKeeping(Task):
         if lane not in LANES:
             raise ConfigError(f"lane: expected outer, inner or both, got {lane!r}")
         sides = ("outer", "inner") if lane == "both" else (lane,)
-        self._loops = [[lane_loop(m, outer=side == "outer") for side in sides] for m in road_maps]
-        self._blocked_m = [blocked(road_map).points_m for road_map in road_maps]
-        half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
-        vehicle = WheeledRobots(n_robots)
-        super().__init__(
-            road_maps, vehicle, n_robots, half_lanes_m, self._loops[0][0], start_spread
-        )
+        loops = [[lane_loop(m, outer=side == "outer") for side in sides] for m in road_maps]
+        super().__init__(road_maps, n_robots, loops, start_spread)
         self._laps = laps
-
-    def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:
-        loops = self._loops[road_map]
-        loop = loops[int(rng.integers(len(loops))) if turn is None else turn % len(loops)]
-        while True:
-            arc_m = rng.uniform(0.0, loop.length_m)
-            away_m = self._blocked_m[road_map] - loop.pose_at(arc_m)[:2]
-            if (np.hypot(*away_m.T) > _CLEAR_M).all():
-                return loop, arc_m
-
-    def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
-        loops = self._loops[0]
-        return min(loops, key=lambda loop: abs(loop.project(pose.x_m, pose.y_m).offset_m))
 
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Reward and end of the decision that led to poses (N, 3)."""
-        (course, lost), half_lane_m = self._follow(poses), self.half_lane_m
+        course, lost = self._follow(poses)
         laps = course.travelled_m / self._lengths_m
-        terminated = collided | lost | (np.abs(course.offset_m) > half_lane_m)
-        late = self._steps * NOMINAL_STEP_M >= DAWDLE * self._laps * self._lengths_m
-        terms = following_terms(course, half_lane_m)
-        return self._judged(terms, laps[None], (terminated, laps >= self._laps, late))
+        failed = collided | lost | (np.abs(course.offset_m) > self.half_lane_m)
+        return self._followed(laps[None], failed, laps >= self._laps, self._laps)
 
 
 def _make(

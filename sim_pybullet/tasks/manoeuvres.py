@@ -1,9 +1,7 @@
 """``Manoeuvres``: every bend and every way over a junction, once each (paper A, section 4.4)."""
 
-import math
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,18 +13,9 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import Mission, TaskSpec, register
 
-_STRAIGHT_RAD = math.radians(30.0)
 
-
-class Manoeuvre(NamedTuple):
-    """One way through a bend or over a junction, with the road before and behind it."""
-
-    name: str  # such as "left turn" or "junction, straight on"
-    path: Path
-
-
-def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
-    """All manoeuvres of a map: bends first, then junctions, each in the order of the lanes.
+def manoeuvres(road_map: RoadMap) -> tuple[Path, ...]:
+    """The ways through all bends of a map, then over its junctions, each in the order of the lanes.
 
     A path begins where the lane before the manoeuvre begins and ends where the lane behind it ends;
     of several such lanes the straightest counts. MapError if the map has neither.
@@ -37,19 +26,19 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
     for lane, (start, end) in enumerate(graph.lane_nodes):
         out[start].append(lane)
         into[end].append(lane)
-    found = []
+    found: dict[bool, list[Path]] = {False: [], True: []}  # by whether it is a junction
     for lane, (start, end) in enumerate(graph.lane_nodes):
-        name = _name(road_map, graph, lane)
-        if name is not None and into[start] and out[end]:
+        tile = road_map.tiles[graph.lanes[lane].tile_row][graph.lanes[lane].tile_column]
+        if tile.kind != "straight" and into[start] and out[end]:
             straightest = partial(min, key=lambda near: abs(_turn_rad(graph, near)))
             lanes = (straightest(into[start]), lane, straightest(out[end]))
-            if graph.closed.intersection(lanes):
-                continue
-            path = Path.from_beziers([graph.lanes[each].control_points_m for each in lanes])
-            found.append(Manoeuvre(name, path))
-    if not found:
+            if not graph.closed.intersection(lanes):
+                curves = [graph.lanes[each].control_points_m for each in lanes]
+                found[tile.is_junction].append(Path.from_beziers(curves))
+    paths = (*found[False], *found[True])
+    if not paths:
         raise MapError(f"{road_map.name}: expected bends or junctions, found none; try arena")
-    return tuple(sorted(found, key=lambda each: each.name.startswith("junction")))
+    return paths
 
 
 class Manoeuvres(Navigation):
@@ -68,25 +57,12 @@ class Manoeuvres(Navigation):
 
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         number = int(rng.integers(len(self.manoeuvres))) if turn is None else turn
-        return self.manoeuvres[number % len(self.manoeuvres)].path, 0.0
+        return self.manoeuvres[number % len(self.manoeuvres)], 0.0
 
 
 def _turn_rad(graph: LaneGraph, lane: int) -> float:
     start, end = graph.lane_nodes[lane]
     return float(wrap_angle(graph.node_poses[end, 2] - graph.node_poses[start, 2]))
-
-
-def _name(road_map: RoadMap, graph: LaneGraph, lane: int) -> str | None:
-    """None where the lane is no manoeuvre."""
-    tile = road_map.tiles[graph.lanes[lane].tile_row][graph.lanes[lane].tile_column]
-    turn_rad = _turn_rad(graph, lane)
-    side = "left" if turn_rad > 0.0 else "right"
-    if tile.kind.startswith("curve"):
-        return f"{side} turn"
-    if "way" in tile.kind:
-        way = "straight on" if abs(turn_rad) < _STRAIGHT_RAD else side
-        return f"junction, {way}"
-    return None
 
 
 register(

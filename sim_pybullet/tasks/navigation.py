@@ -11,29 +11,14 @@ from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.following import (
-    DAWDLE,
-    HALF_LANE_TILES,
-    NOMINAL_STEP_M,
-    TERM_NAMES,
-    following_terms,
-)
-from sim_pybullet.tasks.spec import (
-    Mission,
-    PaperRow,
-    Task,
-    TaskSpec,
-    TaskStep,
-    expect_some,
-    register,
-)
-from sim_pybullet.vehicle import WheeledRobots
+from sim_pybullet.tasks.following import Following
+from sim_pybullet.tasks.spec import Mission, PaperRow, TaskSpec, TaskStep, expect_some, register
 
 SHORTEST_TILES = 3.0  # from start to destination, along the path
 _DRAWS = 500  # of start and destination, before a map is given up
 
 
-class Navigation(Task):
+class Navigation(Following):
     """Drive from a random place of a random map to another one, along the planned path.
 
     Starts and destinations lie on any lane of any tile of road, at least three tiles of path apart;
@@ -50,7 +35,6 @@ class Navigation(Task):
     """
 
     guided = True
-    term_names: tuple[str, ...] = TERM_NAMES
     fact_names: tuple[str, ...] = ("remaining_m",)
 
     def __init__(
@@ -58,16 +42,9 @@ class Navigation(Task):
     ) -> None:
         expect_some("Navigation", road_maps, n_robots)
         self._routes = [RandomRoutes(road_map) for road_map in road_maps]
-        examples = [routes.draw(np.random.default_rng(0)) for routes in self._routes]
+        examples = [[routes.draw(np.random.default_rng(0))] for routes in self._routes]
         self._tile_sizes_m = np.array([road_map.tile_size_m for road_map in road_maps])
-        super().__init__(
-            road_maps,
-            WheeledRobots(n_robots),
-            n_robots,
-            HALF_LANE_TILES * self._tile_sizes_m,
-            examples[0],
-            start_spread,
-        )
+        super().__init__(road_maps, n_robots, examples, start_spread)
 
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         return self._routes[road_map].draw(rng), 0.0
@@ -79,12 +56,9 @@ class Navigation(Task):
         """Reward and end of the decision that led to poses (N, 3)."""
         course, lost = self._follow(poses)
         remaining_m = self._lengths_m - course.arc_m
-        astray = np.abs(course.offset_m) > OFF_PATH_TILES * self._tile_sizes_m[self._maps]
-        terminated = collided | lost | astray
-        late = self._steps * NOMINAL_STEP_M >= DAWDLE * self._lengths_m
-        terms = following_terms(course, self.half_lane_m)
-        ends = (terminated, remaining_m <= ARRIVAL_M, late)
-        return self._judged(terms, remaining_m[None], ends)
+        astray = np.abs(course.offset_m) > OFF_PATH_TILES * self._tile_sizes_m[self.maps]
+        failed = collided | lost | astray
+        return self._followed(remaining_m[None], failed, remaining_m <= ARRIVAL_M)
 
 
 class RandomRoutes:
@@ -115,7 +89,9 @@ class RandomRoutes:
                 if begin is None:
                     route = route_between(self._graph, start, start_t, goal, goal_t)
                 else:
-                    route = plan_route(self._graph, begin, self._place(goal, goal_t))
+                    control = self._graph.lanes[goal].control_points_m
+                    place = bezier_points(control, np.array([goal_t]))[0]
+                    route = plan_route(self._graph, begin, (float(place[0]), float(place[1])))
             except PlanError:
                 continue
             path = Path.from_beziers(route.curves_m)
@@ -126,10 +102,6 @@ class RandomRoutes:
             f"{road_map.name}: expected two places {SHORTEST_TILES:g} tiles of road apart, found "
             f"none; use a map with more road, such as the shipped map arena"
         )
-
-    def _place(self, lane: int, t: float) -> tuple[float, float]:
-        point = bezier_points(self._graph.lanes[lane].control_points_m, np.array([t]))[0]
-        return float(point[0]), float(point[1])
 
 
 register(

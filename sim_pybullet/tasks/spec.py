@@ -6,13 +6,13 @@ one's own is a file that calls `register`; see ``examples/own_task.py``.
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import gymnasium
 import numpy as np
 
 from robot.contract import FIVE_ACTIONS, PATH_POINTS, ActionTable
@@ -21,27 +21,29 @@ from robot.geometry import Pose, wrap_angle
 from robot.navigation.path import Path, PathBatch
 from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.tasks.following import (
-    MAX_HEADING_ERROR_RAD,
-    START_HEADING_RAD,
-    START_OFFSET,
-    Course,
-)
-from sim_pybullet.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from sim_pybullet.episodes import Looks
+    from sim_pybullet.motors import WheeledRobots
     from sim_pybullet.scene import Mover
     from sim_pybullet.scenery.objects import Place
+    from sim_pybullet.tasks.track_racing import RacingCars
+
+MAX_HEADING_ERROR_RAD = math.radians(100.0)
+START_OFFSET = 0.25  # at most, in half-lane widths
+START_HEADING_RAD = math.radians(10.0)  # at most
 
 Mission = tuple[Path, float]  # and how far along it an episode begins [m]
 
 
-class Starts(NamedTuple):
-    """Where M robots begin an episode."""
+class Course(NamedTuple):
+    """Where N robots are on the paths they should follow."""
 
-    poses: np.ndarray  # (M, 3): x [m], y [m], heading [rad]
-    maps: np.ndarray  # (M,) int, index into the task's road_maps
+    arc_m: np.ndarray  # (N,) along the path
+    offset_m: np.ndarray  # (N,) from the path, positive to the left
+    heading_error_rad: np.ndarray  # (N,) the robot's heading less the path's, in (-pi, pi]
+    progress_m: np.ndarray  # (N,) along the path in the last decision
+    travelled_m: np.ndarray  # (N,) along the path in this episode
 
 
 class TaskStep(NamedTuple):
@@ -74,8 +76,8 @@ class Task(ABC):
     ``half_widths_m`` (M,) are the distances from the path at which a robot leaves its lane;
     ``start_spread`` multiplies how far from the path and how askew an episode may begin, for
     training: good drivers hardly ever see the edge of the lane; there they learn to return.
-    ``paths`` are those to follow now, ``course`` where the robots are on them; ``met`` (N,) bool,
-    who has met somebody without touching a body.
+    ``paths`` are those to follow now, on ``maps`` (N,), indices into ``road_maps``; ``course``
+    says where the robots are on them, ``met`` (N,) bool who has met somebody without touching.
     """
 
     guided = False  # whether the policy gets path_input beside the picture
@@ -88,7 +90,7 @@ class Task(ABC):
     def __init__(
         self,
         road_maps: Sequence[Place],
-        vehicle: Vehicle,
+        vehicle: WheeledRobots | RacingCars,
         n_robots: int,
         half_widths_m: np.ndarray,
         path: Path,
@@ -101,19 +103,19 @@ class Task(ABC):
         self.met = np.zeros(n_robots, dtype=bool)
         self._half_widths_m, self._spread = half_widths_m, start_spread
         self._lengths_m = np.zeros(n_robots)  # of the robots' paths
-        self._maps = np.zeros(n_robots, dtype=int)
+        self.maps = np.zeros(n_robots, dtype=int)
         self._steps = np.zeros(n_robots, dtype=int)
         self._hints = np.zeros(n_robots, dtype=int)
 
     @property
     def half_lane_m(self) -> np.ndarray:
         """(N,) distance from the path at which a robot leaves its lane."""
-        return np.asarray(self._half_widths_m[self._maps])
+        return np.asarray(self._half_widths_m[self.maps])
 
     def reset(
         self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
-    ) -> Starts:
-        """Begin an episode for these robots: indices (M,).
+    ) -> np.ndarray:
+        """Begin an episode for these robots: indices (M,); their poses (M, 3).
 
         With a number, what could be drawn among several (map, lane, manoeuvre) is taken in turn.
         """
@@ -134,9 +136,9 @@ class Task(ABC):
             x_m -= offset_m * math.sin(along_rad)
             y_m += offset_m * math.cos(along_rad)
             poses[k] = x_m, y_m, wrap_angle(along_rad + heading_rad)
-        return Starts(poses, maps)
+        return poses
 
-    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
+    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> None:
         """Begin an episode for these robots (M,) at these poses (M, 3) of the only map.
 
         ConfigError if there are several maps, or a pose is off the road or turned away from it.
@@ -156,7 +158,6 @@ class Task(ABC):
                     f"({pose[0]:.2f}, {pose[1]:.2f}, {pose[2]:.2f})"
                 )
             self._start(i, path, 0, at.arc_m, at.offset_m, turned_rad)
-        return Starts(poses, np.zeros(len(robots), dtype=int))
 
     def think(self, poses: np.ndarray) -> None:  # noqa: B027
         """At the beginning of a decision, robots at poses (N, 3): other road users decide too."""
@@ -207,7 +208,7 @@ class Task(ABC):
         for each, value in zip(self.course, (arc_m, offset_m, turned_rad, 0, 0), strict=True):
             each[i] = value
         self._hints[i] = self.paths.index_at(self.course.arc_m)[i]
-        self._lengths_m[i], self._maps[i], self._steps[i] = path.length_m, road_map, 0
+        self._lengths_m[i], self.maps[i], self._steps[i] = path.length_m, road_map, 0
 
     def _follow(self, poses: np.ndarray) -> tuple[Course, np.ndarray]:
         """One more decision: where it led to, and who (N,) has turned away from the path."""
@@ -308,16 +309,13 @@ def register(spec: TaskSpec) -> TaskSpec:
     if spec.name in TASKS:
         raise ConfigError(f"task: expected a name of its own, got {spec.name!r} again")
     TASKS[spec.name] = spec
-    if spec.environments and importlib.util.find_spec("gymnasium"):
-        import gymnasium
-
-        for name, arguments in spec.environments.items():
-            gymnasium.register(
-                f"duckpilot/{name}",
-                "sim_pybullet.env:make",
-                vector_entry_point="sim_pybullet.env:make_vector",
-                kwargs={"task": spec.name, **arguments},
-            )
+    for name, arguments in spec.environments.items():
+        gymnasium.register(
+            f"duckpilot/{name}",
+            "sim_pybullet.env:make",
+            vector_entry_point="sim_pybullet.env:make_vector",
+            kwargs={"task": spec.name, **arguments},
+        )
     return spec
 
 

@@ -14,20 +14,18 @@ from robot.contract import CONTROL_DT_S, ActionTable, ImageSpec
 from robot.geometry import wrap_angle
 from robot.navigation.path import PathBatch
 from sim_pybullet.look import DriveLook
-from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
+from sim_pybullet.motors import PHYSICS_DT_S, DelayLine, pursuit
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
 from sim_pybullet.randomise import load_looks
 from sim_pybullet.tasks.spec import (
     Choices,
     Mission,
-    Starts,
     Task,
     TaskSpec,
     TaskStep,
     expect_some,
     register,
 )
-from sim_pybullet.vehicle import pursuit
 
 # Steering (positive to the left) and throttle (negative brakes), in the order of paper B, section
 # 3.1: straight, left, right, each with throttle, with brakes, and rolling.
@@ -51,7 +49,7 @@ _CAREFUL = 0.6  # share of the grip it uses in bends
 
 
 class RacingCars:
-    """N cars; see `sim_pybullet.vehicle.Vehicle`.
+    """N cars, in the place of `sim_pybullet.motors.WheeledRobots`.
 
     A ``DriveLook`` gives the engine's ``gain``, ``turn_gain`` of the steering, ``turn_lag_s``
     between wheel and tyre, ``delay_s`` between command and car, and ``noise`` of the speed.
@@ -190,18 +188,18 @@ class TrackRacing(Task):
 
     def reset(
         self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
-    ) -> Starts:
+    ) -> np.ndarray:
         """Begin an episode for these robots (M,) on a random track, at a random place."""
-        starts = super().reset(robots, rng, number)
+        poses = super().reset(robots, rng, number)
         if self._spread > 1.0:
             self.vehicle.starts_mps[robots] = rng.uniform(0.0, self._style.top_mps, len(robots))
-        self._poses[robots] = starts.poses
-        return starts
+        self._poses[robots] = poses
+        return poses
 
-    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
+    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> None:
         """Begin an episode for these robots (M,) at these poses (M, 3), at rest."""
         self.vehicle.starts_mps[robots], self._poses[robots] = 0.0, poses
-        return super().reset_at(robots, poses, rng)
+        super().reset_at(robots, poses, rng)
 
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         path = self._lines[road_map].path
@@ -215,7 +213,7 @@ class TrackRacing(Task):
         self._poses = poses.copy()
         away_m = np.abs(course.offset_m)
         self.vehicle.on_grass[:] = away_m > self.half_lane_m
-        terminated = collided | lost | (away_m > self._limits_m[self._maps])
+        terminated = collided | lost | (away_m > self._limits_m[self.maps])
         laps = course.travelled_m / self._lengths_m
         due_m = SLOWEST_MPS * SCALE * (self._steps * CONTROL_DT_S - PATIENCE_S)
         late = course.travelled_m <= due_m

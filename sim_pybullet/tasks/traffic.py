@@ -7,26 +7,15 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S, FIVE_ACTIONS, Action, ActionTable
 from robot.errors import ConfigError
-from robot.geometry import Pose
-from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M, following_terms
-from sim_pybullet.tasks.spec import (
-    Choices,
-    Mission,
-    Starts,
-    Task,
-    TaskSpec,
-    TaskStep,
-    expect_some,
-    register,
-)
+from sim_pybullet.motors import WheeledRobots, expert_actions
+from sim_pybullet.tasks.following import NOMINAL_STEP_M, Following, following_terms
+from sim_pybullet.tasks.spec import Choices, TaskSpec, TaskStep, expect_some, register
 from sim_pybullet.traffic.ahead import behind
 from sim_pybullet.traffic.crowd import STANDS_MPS, Approach, Body, Crowd
 from sim_pybullet.traffic.drivers import GAP_M, LINE_S
 from sim_pybullet.traffic.scenario import Scenario, load_scenario
 from sim_pybullet.traffic.streets import Streets
-from sim_pybullet.vehicle import WheeledRobots, expert_actions
 
 EPISODE_S = 60.0
 SLOW, STOP = len(FIVE_ACTIONS), len(FIVE_ACTIONS) + 1
@@ -45,7 +34,7 @@ class TrafficRobots(WheeledRobots):
     actions: ActionTable = TRAFFIC_ACTIONS
 
 
-class Traffic(Task):
+class Traffic(Following):
     """Drive along a lane for a minute among the road users of a `Scenario`.
 
     Robots of one scenario (``robots_pcs``) share a world. The reward is that of
@@ -66,15 +55,10 @@ class Traffic(Task):
     """
 
     frames = 3
+    robots = TrafficRobots
     episode_s = EPISODE_S
     term_names: tuple[str, ...] = ("offset", "alignment", "nearness", "collision")
-    fact_names: tuple[str, ...] = (
-        "tiles",
-        "hit",
-        "at_fault",
-        "free_m",
-        "least_ttc_s",
-    )
+    fact_names: tuple[str, ...] = ("tiles", "hit", "at_fault", "free_m", "least_ttc_s")
 
     def __init__(
         self,
@@ -93,14 +77,7 @@ class Traffic(Task):
         self.streets = Streets(road_maps)
         self.crowd = Crowd(self.streets, scenario, n_robots // self.group)
         self.movers = self.crowd.movers
-        super().__init__(
-            self.streets.road_maps,
-            TrafficRobots(n_robots),
-            n_robots,
-            HALF_LANE_TILES * self.streets.tile_m,
-            self.streets.tours[0][0],
-            start_spread,
-        )
+        super().__init__(self.streets.road_maps, n_robots, self.streets.tours, start_spread)
         self._poses = np.full((n_robots, 3), np.nan)
         self._velocities = np.zeros((n_robots, 2))
         self._least_ttc_s = np.full(n_robots, EPISODE_S)
@@ -108,9 +85,9 @@ class Traffic(Task):
 
     def reset(
         self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
-    ) -> Starts:
+    ) -> np.ndarray:
         """Begin an episode of whole groups of robots (M,)."""
-        poses, maps = np.zeros((len(robots), 3)), np.zeros(len(robots), dtype=int)
+        poses = np.zeros((len(robots), 3))
         for first in range(0, len(robots), self.group):
             k = int(rng.integers(len(self.road_maps)))
             k = k if number is None else number % len(self.road_maps)
@@ -118,32 +95,22 @@ class Traffic(Task):
             places = self.crowd.begin(group, k, rng, self._spread)
             for row, (path, *beside) in enumerate(places, first):
                 self._start(int(robots[row]), path, k, *beside)
-                poses[row], maps[row] = places[row - first].pose, k
+                poses[row] = places[row - first].pose
         self._begin(robots, poses)
-        return Starts(poses, maps)
+        return poses
 
-    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
+    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> None:
         """Begin an episode of robots (M,) at poses (M, 3); ConfigError if they share worlds."""
         if self.group > 1:
             raise ConfigError("pose: expected a scenario of one robot of ours, got several")
-        starts = super().reset_at(robots, poses, rng)
+        super().reset_at(robots, poses, rng)
         self._begin(robots, poses)
         for i, pose in zip(robots.tolist(), poses.tolist(), strict=True):
             self.crowd.begin(i, 0, rng, at_m=(pose[0], pose[1]))
-        return starts
 
     def _begin(self, robots: np.ndarray, poses: np.ndarray) -> None:
         self._poses[robots], self._velocities[robots] = poses, 0.0
         self._least_ttc_s[robots], self._seen = EPISODE_S, None
-
-    def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
-        tours = self.streets.tours[road_map]
-        path = tours[int(rng.integers(len(tours)))]
-        return path, float(rng.uniform(0.0, path.length_m))
-
-    def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
-        tours = self.streets.tours[0]
-        return min(tours, key=lambda tour: abs(tour.project(pose.x_m, pose.y_m).offset_m))
 
     def think(self, poses: np.ndarray) -> None:
         """Other road users decide."""
@@ -184,9 +151,9 @@ class Traffic(Task):
         seen = self.look(poses)
         free_m, ttc_s = (each[:, : self.group].ravel() for each in (seen.free_m, seen.ttc_s))
         self._least_ttc_s = np.minimum(self._least_ttc_s, ttc_s)
-        tile_m = self.streets.tile_m[self._maps]
+        tile_m = self.streets.tile_m[self.maps]
         tiles = course.travelled_m / tile_m
-        off = ~self.streets.on_road(self._maps, poses[:, None, :2])[:, 0]
+        off = ~self.streets.on_road(self.maps, poses[:, None, :2])[:, 0]
         speed = np.clip(course.progress_m / NOMINAL_STEP_M, 0.0, 1.0)
         nearness = -4.0 * speed * np.maximum(1.0 - free_m / _NEAR_M, 0.0)
         terms = np.vstack(
@@ -200,16 +167,15 @@ class Traffic(Task):
 
     def _meet(self, poses: np.ndarray, collided: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whom each robot has met (N,), 0 for nobody, and whether that is its own fault (N,)."""
-        bodies = self.crowd.bodies(self._grouped(poses), self._grouped(self._velocities))
-        each = np.repeat(np.arange(self.n_robots // self.group), self.group)
-        xy_m, robots = bodies.xy_m[each], np.arange(self.n_robots)
+        bodies, robots = self.crowd.bodies(self._grouped(poses)), np.arange(self.n_robots)
+        xy_m = np.repeat(bodies, self.group, axis=0)
         xy_m[robots, robots % self.group] = np.nan
         delta = xy_m - poses[:, None, :2]
         apart = np.hypot(delta[..., 0], delta[..., 1])
-        near = apart < bodies.meet_m
+        near = apart < self.crowd.meet_m
         whom = np.where(near, apart, np.inf).argmin(axis=1)
         met = near.any(axis=1)
-        hit = np.where(met, bodies.kinds[whom], np.where(collided, Body.THING, 0))
+        hit = np.where(met, self.crowd.kinds[whom], np.where(collided, Body.THING, 0))
         stood = np.hypot(*self._velocities.T) < STANDS_MPS
         theirs = met & (stood | behind(poses, xy_m)[robots, whom])
         return hit, ((hit > 0) & ~theirs).astype(int)

@@ -1,19 +1,10 @@
 """How far the ways of road users are free, and what ends them."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 STEP_M = 0.04
 AHEAD_M = STEP_M * np.arange(1, 26)  # where a path is looked at
 NOTHING = -1
-
-
-class Ahead(NamedTuple):
-    """How far robots can go along their paths; what ends that way, or `NOTHING`."""
-
-    free_m: np.ndarray  # (...) at most 1 m
-    what: np.ndarray  # (...) int, index of the body
 
 
 def steps_ahead(
@@ -36,11 +27,12 @@ def steps_ahead(
     return np.where(near.any(axis=1), near.argmax(axis=1), len(AHEAD_M))
 
 
-def nearest(first: np.ndarray) -> Ahead:
-    """Of what `steps_ahead` says of bodies, that which ends the way."""
+def nearest(first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far (N,) ways are free [m], at most 1, by what `steps_ahead` says of bodies; the index
+    (N,) of the one that ends it, or `NOTHING`."""
     what = first.argmin(axis=1)
     steps = np.take_along_axis(first, what[:, None], axis=1)[:, 0]
-    return Ahead(steps * STEP_M, np.where(steps < len(AHEAD_M), what, NOTHING))
+    return steps * STEP_M, np.where(steps < len(AHEAD_M), what, NOTHING)
 
 
 def _in_front(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:

@@ -1,6 +1,5 @@
 """``Crowd``: all road users of G worlds, what each robot of ours has ahead, and who has the way."""
 
-from contextlib import suppress
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -59,21 +58,21 @@ class RightOfWay:
         at_line = approach.line_m < NEAR_M
         stands = at_line & (speeds_mps < _WAITS_MPS)
         self._stood_s = np.where(at_line, self._stood_s + CONTROL_DT_S * stands, 0.0)
-        for group, junction in np.argwhere(self._holder >= 0).tolist():
-            self._release(group, junction, approach)
+        self._release(approach)
         may = approach.next == NO_JUNCTION
         asking = np.argwhere(at_line)
         for group, car in asking[np.argsort(-self._stood_s[at_line], kind="stable")].tolist():
             may[group, car] = self._grant(group, car, approach)
         return may
 
-    def _release(self, group: int, junction: int, approach: Approach) -> None:
-        holder = self._holder[group, junction]
-        inside = approach.inside[group, holder] == junction
-        self._held_s[group, junction] += CONTROL_DT_S * (not inside)
-        gone = not inside and approach.next[group, holder] != junction
-        if gone or self._held_s[group, junction] > _PATIENCE_S:
-            self._holder[group, junction] = -1
+    def _release(self, approach: Approach) -> None:
+        groups, junctions = np.nonzero(self._holder >= 0)
+        holders = self._holder[groups, junctions]
+        outside = approach.inside[groups, holders] != junctions
+        self._held_s[groups, junctions] += CONTROL_DT_S * outside
+        gone = outside & (approach.next[groups, holders] != junctions)
+        gone |= self._held_s[groups, junctions] > _PATIENCE_S
+        self._holder[groups[gone], junctions[gone]] = -1
 
     def _grant(self, group: int, car: int, approach: Approach) -> bool:
         junction = approach.next[group, car]
@@ -106,20 +105,15 @@ class Body(IntEnum):
     THING = 3
 
 
-class Bodies(NamedTuple):
-    """B bodies in each of G worlds; ours come first, robot by robot."""
-
-    xy_m: np.ndarray  # (G, B, 2), NaN for who is not there
-    velocities_mps: np.ndarray  # (G, B, 2)
-    kinds: np.ndarray  # (B,) of `Body`
-    meet_m: np.ndarray  # (B,) centres nearer than that have met; 0 for things
-
-
 class Crowd:
     """Road users of G groups of P robots of ours, on the maps of ``streets``.
 
     Robots of ours are told in every call: ``poses`` (G, P, 3). Places in a group: ours, other cars,
-    parked ones, ducks.
+    parked ones, ducks, things.
+
+    Attributes:
+        kinds: (B,) of `Body`.
+        meet_m: (B,) centres nearer than that have met; 0 for things.
     """
 
     def __init__(self, streets: Streets, how: Scenario, groups: int) -> None:
@@ -133,6 +127,10 @@ class Crowd:
         self.parked = np.full((groups, self._parked, 3), np.nan)
         self._things = np.full((groups, max(map(len, streets.blocked_m)), 2), np.nan)
         self._way = RightOfWay(groups, self.ours + cars, streets.junctions)
+        self._robots = self.ours + cars + self._parked
+        counts = (self._robots, ducklings, self._things.shape[1])
+        self.kinds = np.repeat((Body.ROBOT, Body.DUCK, Body.THING), counts)
+        self.meet_m = np.repeat((ROBOT_M, DUCK_M, 0.0), counts)
         self.maps = np.zeros(groups, dtype=int)
         self.line_m = np.full((groups, self.ours), np.inf)  # to where ours should stand
         self._before = self._after = self._now()
@@ -140,8 +138,7 @@ class Crowd:
     @property
     def movers(self) -> tuple[Mover, ...]:
         """What cameras must draw, in the order of `shown`."""
-        robots = self.ours + self.drivers.poses.shape[1] + self._parked
-        looks = [robot_solids(_COLOURS[k % len(_COLOURS)]) for k in range(robots)]
+        looks = [robot_solids(_COLOURS[k % len(_COLOURS)]) for k in range(self._robots)]
         lights = (lamps(0), lamps(1)) * self.lights.places.shape[1]
         return (*looks, *(duck_solids(),) * self.ducks.poses.shape[1], *lights)
 
@@ -157,22 +154,15 @@ class Crowd:
 
         ``at_m``: where the only one stands already. ``spread``: as of `sim_pybullet.tasks.spec`.
         """
-        for _ in range(_TRIES - 1):
-            with suppress(MapError):  # who came first may have taken all the room
-                return self._place(group, k, rng, spread, at_m)
-        return self._place(group, k, rng, spread, at_m)
-
-    def _place(
-        self,
-        group: int,
-        k: int,
-        rng: np.random.Generator,
-        spread: float,
-        at_m: tuple[float, float] | None,
-    ) -> list[CarStart]:
-        layout = Layout(self._streets, k, self._how, rng, at_m)
-        ours = [layout.car(spread) for _ in range(self.ours if at_m is None else 0)]
-        self._begin_others(group, k, layout, rng)
+        for tries_left in reversed(range(_TRIES)):
+            layout = Layout(self._streets, k, self._how, rng, at_m)
+            try:
+                ours = [layout.car(spread) for _ in range(self.ours if at_m is None else 0)]
+                self._begin_others(group, k, layout, rng)
+                break
+            except MapError:  # who came first may have taken all the room
+                if not tries_left:
+                    raise
         self._begin_standing(group, k, rng)
         return ours
 
@@ -187,7 +177,7 @@ class Crowd:
         tile_m = self._streets.tile_m[k]
         walkers = [(o.x_m, o.y_m, o.heading_rad, tile_m) for o in movers if o.kind == "duckie"]
         places = np.array([*layout.ducks().reshape(-1, 4), *walkers]).reshape(-1, 4)
-        self.ducks.begin(group, places, how.duckie_speed_mps, how.duckie_wait_s, rng)
+        self.ducks.begin(group, places, how, rng)
 
     def _begin_standing(self, group: int, k: int, rng: np.random.Generator) -> None:
         lights, things = self._streets.lights[k], self._streets.blocked_m[k]
@@ -200,34 +190,21 @@ class Crowd:
         self._way.begin(group)
         self._before = self._after = self._now()
 
-    def bodies(self, poses: np.ndarray, velocities_mps: np.ndarray) -> Bodies:
-        """Everybody, among robots of ours at poses (G, P, 3) with velocities (G, P, 2)."""
-        still = np.zeros((*self.parked.shape[:2], 2)), np.zeros(self._things.shape)
-        cars, ducklings = self.drivers, self.ducks
-        robots = self.ours + cars.poses.shape[1] + self._parked
-        counts = (robots, ducklings.poses.shape[1], self._things.shape[1])
-        return Bodies(
-            np.concatenate(
-                (poses[..., :2], cars.poses[..., :2], self.parked[..., :2],
-                 ducklings.poses[..., :2], self._things), axis=1,
-            ),
-            np.concatenate(
-                (velocities_mps, cars.velocities, still[0], ducklings.velocities, still[1]), axis=1
-            ),
-            np.repeat((Body.ROBOT, Body.DUCK, Body.THING), counts),
-            np.repeat((ROBOT_M, DUCK_M, 0.0), counts),
-        )  # fmt: skip
+    def bodies(self, poses: np.ndarray) -> np.ndarray:
+        """(G, B, 2) where everybody is, ours at poses (G, P, 3) first; NaN for who is not there."""
+        robots = np.concatenate((poses, self.drivers.poses, self.parked), axis=1)[..., :2]
+        return np.concatenate((robots, self.ducks.poses[..., :2], self._things), axis=1)
 
     def look(
         self, poses: np.ndarray, paths: PathBatch, arc_m: np.ndarray, velocities: np.ndarray
     ) -> Approach:
         """What all cars have ahead, ours at ``arc_m`` (G P,) of their paths first: (G, A)."""
-        bodies = self.bodies(poses, velocities)
+        mine = np.concatenate((velocities, self.drivers.velocities), axis=1)
         everyone = np.concatenate((poses, self.drivers.poses), axis=1)  # who looks
         groups, cars = everyone.shape[:2]
         own = paths.points_at(arc_m[:, None] + AHEAD_M).reshape(groups, self.ours, -1, 2)
         points = np.concatenate((own, self.drivers.points(AHEAD_M)), axis=1)
-        xy_m, theirs, clear_m = self._obstacles(bodies)
+        xy_m, theirs, clear_m = self._obstacles(self.bodies(poses), mine)
         seen = np.repeat(xy_m[:, None], cars, axis=1)
         seen[:, np.arange(cars), np.arange(cars)] = np.nan  # nobody is in their own way
         flat = groups * cars
@@ -237,11 +214,9 @@ class Crowd:
             seen.reshape(flat, -1, 2),
             np.tile(clear_m, (flat, 1)),
         )
-        free_m = nearest(steps).free_m.reshape(groups, cars)
-        now_m, what = (
-            each.reshape(groups, cars) for each in nearest(steps[:, : len(bodies.kinds)])
-        )
-        mine = np.concatenate((velocities, self.drivers.velocities), axis=1)
+        free_m = nearest(steps)[0].reshape(groups, cars)
+        now = nearest(steps[:, : len(self.kinds)])
+        now_m, what = (each.reshape(groups, cars) for each in now)
         others = np.take_along_axis(theirs, np.maximum(what, 0)[..., None], axis=1)
         closing = np.hypot(mine[..., 0], mine[..., 1]) - (others * along(points, now_m)).sum(-1)
         meets = (what != NOTHING) & (closing > STANDS_MPS)
@@ -250,32 +225,30 @@ class Crowd:
 
     def think(self, poses: np.ndarray, velocities: np.ndarray, approach: Approach) -> None:
         """One decision of everybody but ours, by what `look` told."""
-        speeds = np.concatenate((np.hypot(*np.moveaxis(velocities, -1, 0)),
-                                 self.drivers.speeds_mps), axis=1)  # fmt: skip
-        may = self._way.ask(approach, speeds)
+        ours_mps = np.hypot(*np.moveaxis(velocities, -1, 0))
+        may = self._way.ask(approach, np.concatenate((ours_mps, self.drivers.speeds_mps), axis=1))
         may[:, self.ours :] |= ~self.drivers.obeying
         line_m = np.where(may, np.inf, approach.line_m - STOP_M)
         self.line_m = line_m[:, : self.ours]
-        before_m = self.bodies(poses, velocities).xy_m
+        before_m = self.bodies(poses)
         self.drivers.step(approach.free_m[:, self.ours :], line_m[:, self.ours :])
-        self.drivers.stand(self._touching(before_m, self.bodies(poses, velocities)))
-        robots = np.concatenate((poses, self.drivers.poses, self.parked), axis=1)
-        self.ducks.step(robots[..., :2])
+        self.drivers.stand(self._touching(before_m, self.bodies(poses)))
+        self.ducks.step(self.bodies(poses)[:, : self._robots])
         self.lights.step()
         self._before, self._after = self._after, self._now()
 
-    def _touching(self, before_m: np.ndarray, bodies: Bodies) -> np.ndarray:
+    def _touching(self, before_m: np.ndarray, now_m: np.ndarray) -> np.ndarray:
         """(G, C) which cars drove against anybody, wherever that one was a decision ago (G, B, 2)
         or is: nobody drives through anybody."""
         cars = np.arange(self.ours, self.ours + self.drivers.poses.shape[1])
         touching = np.zeros(self.drivers.speeds_mps.shape, dtype=bool)
-        for there in (before_m, bodies.xy_m):
+        for there in (before_m, now_m):
             apart, were_apart = (
                 np.linalg.norm(there[:, None] - here[:, cars, None], axis=-1)
-                for here in (bodies.xy_m, before_m)
+                for here in (now_m, before_m)
             )
             apart[:, np.arange(len(cars)), cars] = np.inf
-            touching |= (apart < np.minimum(_TOUCH * bodies.meet_m, were_apart)).any(axis=-1)
+            touching |= (apart < np.minimum(_TOUCH * self.meet_m, were_apart)).any(axis=-1)
         return touching
 
     def shown(self, poses: np.ndarray, share: float) -> np.ndarray:
@@ -296,17 +269,21 @@ class Crowd:
             (self.drivers.poses, self.parked, self.ducks.poses, self.lights.shown()), axis=1
         )
 
-    def _obstacles(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Bodies, ducks also where they will be: (G, B + 2 D, 2) places and velocities; and how far
-        to stay away, (B + 2 D,)."""
-        ducklings = bodies.kinds == Body.DUCK
-        xy_m, walks = bodies.xy_m[:, ducklings], bodies.velocities_mps[:, ducklings]
-        later = [xy_m + after_s * walks for after_s in _WALKS_S]
+    def _obstacles(
+        self, xy_m: np.ndarray, driving: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bodies at (G, B, 2), of which the first drive with velocities (G, A, 2), and ducks also
+        where they will be: (G, B + 2 D, 2) places and velocities; and how far to stay away,
+        (B + 2 D,)."""
+        ducklings, walks = self.kinds == Body.DUCK, self.ducks.velocities
+        velocities = np.zeros(xy_m.shape)
+        velocities[:, : driving.shape[1]], velocities[:, ducklings] = driving, walks
+        later = [xy_m[:, ducklings] + after_s * walks for after_s in _WALKS_S]
         near_m = np.full(2 * int(ducklings.sum()), DUCK_M)
         return (
-            np.concatenate((bodies.xy_m, *later), axis=1),
-            np.concatenate((bodies.velocities_mps, walks, walks), axis=1),
-            np.concatenate((np.maximum(bodies.meet_m, HALF_ROBOT_M), near_m)),
+            np.concatenate((xy_m, *later), axis=1),
+            np.concatenate((velocities, walks, walks), axis=1),
+            np.concatenate((np.maximum(self.meet_m, HALF_ROBOT_M), near_m)),
         )
 
     def _approach(

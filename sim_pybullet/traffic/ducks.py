@@ -3,6 +3,7 @@
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
+from sim_pybullet.traffic.scenario import Scenario
 
 HEIGHT_M = 0.08
 _WAITS = 32  # drawn when an episode begins, and then again from the first
@@ -27,19 +28,14 @@ class Ducks:
         self._turn = np.zeros((groups, count), dtype=int)
 
     def begin(
-        self,
-        group: int,
-        places: np.ndarray,
-        speed_mps: tuple[float, float],
-        wait_s: tuple[float, float],
-        rng: np.random.Generator,
+        self, group: int, places: np.ndarray, how: Scenario, rng: np.random.Generator
     ) -> None:
         """Ducks (K, 4) of one group: x [m], y [m], heading [rad], how far they walk [m]."""
         count = len(places)
         self.poses[group] = np.nan
         self.poses[group, :count], self._way_m[group, :count] = places[:, :3], places[:, 3]
-        self._speed_mps[group] = rng.uniform(*speed_mps, self._speed_mps.shape[1])
-        self._waits_s[group] = rng.uniform(*wait_s, self._waits_s.shape[1:])
+        self._speed_mps[group] = rng.uniform(*how.duckie_speed_mps, self._speed_mps.shape[1])
+        self._waits_s[group] = rng.uniform(*how.duckie_wait_s, self._waits_s.shape[1:])
         self._left_s[group] = self._waits_s[group, :, 0]
         self._gone_m[group] = self._blocked_s[group] = 0.0
         self._turn[group], self.velocities[group] = 0, 0.0

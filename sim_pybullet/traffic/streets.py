@@ -62,7 +62,7 @@ def _tour(graph: LaneGraph, rng: np.random.Generator) -> Sequence[int]:
 
 MOVING = ("duckie", "duckiebot")  # kinds that move where a map says `static: false`
 LIGHT = "trafficlight"  # which changes though it stands
-NO_JUNCTION = -1
+NO_JUNCTION, _NO_ROAD = -1, -2
 _CLEAR_M = 0.15  # from what stands there to where somebody begins
 
 
@@ -102,33 +102,32 @@ class Streets:
         self.tile_m = np.array([road_map.tile_size_m for road_map in road_maps])
         rows = max(road_map.rows for road_map in road_maps)
         columns = max(road_map.columns for road_map in road_maps)
-        self._road = np.zeros((len(road_maps), rows, columns), dtype=bool)  # from the south-west
-        self._junction = np.full(self._road.shape, NO_JUNCTION)
+        # Of each tile, from the south-west: its junction, `NO_JUNCTION` or `_NO_ROAD`.
+        self._tiles = np.full((len(road_maps), rows, columns), _NO_ROAD)
         for k, road_map in enumerate(road_maps):
             for tile in road_map.road_tiles:
-                self._road[k, road_map.rows - 1 - tile.row, tile.column] = True
+                self._tiles[k, road_map.rows - 1 - tile.row, tile.column] = NO_JUNCTION
             for number, junction in enumerate(_junctions(road_map)):
                 for row, column in junction:
-                    self._junction[k, road_map.rows - 1 - row, column] = number
-        self.junctions = int(self._junction.max()) + 1
+                    self._tiles[k, road_map.rows - 1 - row, column] = number
+        self.junctions = max(int(self._tiles.max()), NO_JUNCTION) + 1
 
     def on_road(self, maps: np.ndarray, xy_m: np.ndarray) -> np.ndarray:
         """(N, ...) bool: whether points (N, ..., 2) of maps (N,) lie on a tile of road."""
-        return self._read(self._road, maps, xy_m, False)
+        return self._under(maps, xy_m) != _NO_ROAD
 
     def junction_at(self, maps: np.ndarray, xy_m: np.ndarray) -> np.ndarray:
         """(N, ...) number of the junction under points (N, ..., 2), or `NO_JUNCTION`."""
-        return self._read(self._junction, maps, xy_m, NO_JUNCTION)
+        return np.maximum(self._under(maps, xy_m), NO_JUNCTION)
 
-    def _read(
-        self, grid: np.ndarray, maps: np.ndarray, xy_m: np.ndarray, beyond: int
-    ) -> np.ndarray:
+    def _under(self, maps: np.ndarray, xy_m: np.ndarray) -> np.ndarray:
+        grid = self._tiles
         maps = maps.reshape(-1, *[1] * (xy_m.ndim - 2))
         tile = np.floor(np.nan_to_num(xy_m, nan=-1.0) / self.tile_m[maps][..., None]).astype(int)
         column, row = tile[..., 0], tile[..., 1]
         inside = (tile >= 0).all(axis=-1) & (row < grid.shape[1]) & (column < grid.shape[2])
         found = grid[maps, np.where(inside, row, 0), np.where(inside, column, 0)]
-        return np.where(inside, found, beyond)
+        return np.where(inside, found, _NO_ROAD)
 
 
 def _places(road_map: RoadMap, found: Sequence[Path], objects: Sequence[MapObject]) -> Places:
@@ -168,13 +167,10 @@ def _moves(thing: MapObject) -> bool:
 
 
 def _still(road_map: RoadMap, objects: Sequence[MapObject]) -> Any:
-    """The map's objects without those that move, in the form of its file."""
-    entries = road_map.objects
-    moving = [_moves(thing) for thing in objects]
-    if isinstance(entries, list):
-        return [entry for entry, moves in zip(entries, moving, strict=True) if not moves]
-    pairs = zip((entries or {}).items(), moving, strict=True)
-    return {name: entry for (name, entry), moves in pairs if not moves}
+    """What the map's file says of its objects without those that move, by name."""
+    entries = road_map.objects or {}
+    told = zip(objects, entries.values() if isinstance(entries, dict) else entries, strict=True)
+    return {thing.name: entry for thing, entry in told if not _moves(thing)}
 
 
 _EDGE_TILES = 0.3  # from the middle of a lane to the edge of its tile

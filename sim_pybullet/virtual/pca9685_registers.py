@@ -22,28 +22,25 @@ class ChipMisuseError(AssertionError):
 
 
 class Output(NamedTuple):
-    """High from count ``on`` to count ``off``, unless it is constant: then ``on`` > 0 is high."""
+    """High for so many counts from count ``on``."""
 
     on: int = 0
-    off: int = 0
-    constant: bool = True
+    length: int = 0
 
     def high(self, count: int) -> bool:
         """Whether the pin is high at ``count``."""
-        if self.constant:
-            return self.on > 0
-        return (count - self.on) % COUNTS < (self.off - self.on) % COUNTS
+        return (count - self.on) % COUNTS < self.length
 
     @classmethod
     def from_registers(cls, registers: bytes) -> Output:
         """Four registers ON_L, ON_H, OFF_L, OFF_H; full OFF wins over full ON."""
         if (registers[1] | registers[3]) & FULL:
-            return cls(0 if registers[3] & FULL else 1)
+            return cls(0, 0 if registers[3] & FULL else COUNTS)
         on = registers[0] | (registers[1] & 0x0F) << 8
         off = registers[2] | (registers[3] & 0x0F) << 8
         if on == off:
             raise ChipMisuseError(f"ON and OFF counts are both {on}: they must never be equal")
-        return cls(on, off, False)
+        return cls(on, (off - on) % COUNTS)
 
 
 class PwmOutputs(NamedTuple):
@@ -66,17 +63,17 @@ class PwmOutputs(NamedTuple):
     @property
     def any_pwm(self) -> bool:
         """Whether a pin switches within the period."""
-        return any(not output.constant for output in self.channels)
+        return any(0 < output.length < COUNTS for output in self.channels)
 
     @property
     def any_high(self) -> bool:
         """Whether a pin is high at some time."""
-        return self.any_pwm or any(output.high(0) for output in self.channels)
+        return any(output.length for output in self.channels)
 
     def spans(self, *channels: int) -> list[tuple[float, tuple[bool, ...]]]:
         """The period cut where one of ``channels`` switches: (share of it, level of each)."""
         outputs = [self.channels[channel] for channel in channels]
-        cuts = {c for o in outputs if not o.constant for c in (o.on, o.off)}
+        cuts = {c for o in outputs for c in (o.on, (o.on + o.length) % COUNTS)}
         edges = sorted({0, COUNTS} | cuts)
         return [
             ((edges[i + 1] - start) / COUNTS, tuple(o.high(start) for o in outputs))
@@ -85,7 +82,7 @@ class PwmOutputs(NamedTuple):
 
     def duty(self, channel: int) -> float:
         """Share of the period that a pin is high."""
-        return sum(share for share, (high,) in self.spans(channel) if high)
+        return self.channels[channel].length / COUNTS
 
 
 AI, SLEEP, ALLCALL = 0x20, 0x10, 0x01  # MODE1, table 5

@@ -148,7 +148,7 @@ class Rotor:
         self.speed_radps = 0.0
         self.load_nm = 0.0  # positive pushes towards positive angles
         self.currents = (0.0, 0.0)  # now [supply voltage / resistance]
-        self._drives = (RELEASED, RELEASED)
+        self.drives = (RELEASED, RELEASED)  # where the currents settle
         self.field_rad: float | None = None  # electrical, where it wants the rotor; None: coils off
 
     @property
@@ -159,14 +159,9 @@ class Rotor:
         behind = self.field_rad - self.model.electrical_turns * self.angle_rad
         return FULL_STEPS * round(behind / (2.0 * math.pi))
 
-    @property
-    def mean_currents(self) -> tuple[float, float]:
-        """Where the currents settle, averaged over the PWM [supply voltage / resistance]."""
-        return (self._drives[0].current, self._drives[1].current)
-
     def drive(self, phase_a: CoilDrive, phase_b: CoilDrive) -> None:
         """Set what the bridges do from now on; the currents follow by L / R."""
-        self._drives = (phase_a, phase_b)
+        self.drives = (phase_a, phase_b)
         if phase_a.current == 0.0 and phase_b.current == 0.0:
             self.field_rad = None
             return
@@ -181,7 +176,7 @@ class Rotor:
         count = max(1, math.ceil(duration_s / self.STEP_S))
         dt_s = duration_s / count
         model, turns = self.model, self.model.electrical_turns
-        drive_a, drive_b = self._drives
+        drive_a, drive_b = self.drives
         current_a, current_b = self.currents
         keep = math.exp(-dt_s / model.time_constant_s)
         damping = model.damping_nms * max(drive_a.closed, drive_b.closed)

@@ -7,8 +7,7 @@ from sim_pybullet.scene import Scene
 
 
 class PoseCamera:
-    """Keeps ``sim_pybullet.rendering.camera.BatchCamera``: x, y and heading in millimetres and
-    milliradians.
+    """In the place of a ``RayCamera``: x, y and heading in millimetres and milliradians.
 
     Refuses to draw robots that were given no world, and indices that do not fit the poses.
     """

@@ -11,16 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.contract import CONTROL_DT_S
+from robot.contract import ACTION_WHEELS, CONTROL_DT_S
 from robot.geometry import Pose, compose
 from robot.navigation.fusion import PoseFusion
 from robot.navigation.road_map import load_map
 from robot.navigation.way_check import WayCheck
-from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS, MotorModel
+from sim_pybullet.motors import (
+    PHYSICS_DT_S,
+    PHYSICS_STEPS,
+    MotorModel,
+    expert_actions,
+)
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.sensing.guidance_feed import OverheadPoses, PoseError
+from sim_pybullet.sensing.guidance_feed import PoseError
 from sim_pybullet.tasks.navigation import Navigation
-from sim_pybullet.vehicle import ACTION_TABLE, expert_actions
 
 STAND_S = 1.5  # before the missions begin
 LONGEST_S = 40.0
@@ -31,7 +35,7 @@ class Turn(NamedTuple):
 
     time_s: float
     odometry: np.ndarray  # (N, 3) by steps
-    overhead: OverheadPoses
+    overhead: tuple[np.ndarray, np.ndarray]  # poses (N, 3) and capture times (N,) [s]
     driving: np.ndarray  # (N,) bool
     at_bound: np.ndarray  # (N,) bool
 
@@ -53,7 +57,7 @@ def blind_drives(look: str, count: int, maps: tuple[str, ...], seed: int) -> Ite
     """``count`` robots stand, then drive a mission each; ends when all have, or gave up."""
     rng = np.random.default_rng(seed)
     task = Navigation([load_map(name) for name in maps], count)
-    poses = task.reset(np.arange(count), rng).poses.copy()
+    poses = task.reset(np.arange(count), rng)
     errors, fusion, motors = PoseError(count), PoseFusion(count), MotorModel(count)
     sample = load_look_sampler(look, "arena")
     for robot in range(count):
@@ -68,7 +72,10 @@ def blind_drives(look: str, count: int, maps: tuple[str, ...], seed: int) -> Ite
         believed = np.where(np.isfinite(fusion.poses), fusion.poses, poses)
         at = task.paths.project(believed[:, :2], hints)
         hints = at.index
-        wheels = ACTION_TABLE[expert_actions(task.paths, believed, at.arc_m)] * driving[:, None]
+        wheels = (
+            np.array(ACTION_WHEELS)[expert_actions(task.paths, believed, at.arc_m)]
+            * driving[:, None]
+        )
         stepped = np.zeros((count, 2))
         for _ in range(PHYSICS_STEPS):
             poses = compose(poses, _arc(motors.step(wheels, rng) * PHYSICS_DT_S))
@@ -104,9 +111,9 @@ def doubts(look: str, count: int, maps: tuple[str, ...], seed: int) -> Doubts:
         before, begun = turn.driving, begun | turn.driving
         for robot, check in enumerate(checks):
             check.stepped(turn.time_s, Pose(*turn.odometry[robot]))
-            seen = turn.overhead.poses[robot]
+            seen = turn.overhead[0][robot]
             if np.isfinite(seen[0]):
-                check.see(float(turn.overhead.captured_s[robot]), Pose(*seen))
+                check.see(float(turn.overhead[1][robot]), Pose(*seen))
             if begun[robot]:
                 worst[robot] = np.maximum(worst[robot], check.doubt[:2])
         bound |= turn.at_bound & turn.driving

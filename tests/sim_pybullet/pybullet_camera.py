@@ -167,7 +167,7 @@ class PyBulletCamera:
     def render(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading.
 
-        ``movers`` as of `sim_pybullet.rendering.camera.BatchCamera`.
+        ``movers`` as of `sim_pybullet.rendering.ray_camera.RayCamera`.
         """
         return self._each(self._seen, self._frame, poses, movers)
 

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env as check_gymnasium
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
-from robot.contract import ACTION_TWISTS, Action, ImageSpec
+from robot.contract import ACTION_TWISTS, ACTION_WHEELS, Action, ImageSpec
 from robot.errors import ConfigError
 from robot.navigation.navigator import ARRIVAL_M
 from robot.navigation.road_map import load_map
@@ -23,7 +23,6 @@ from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.spec import TASKS
 from sim_pybullet.tasks.track_racing import RACING_ACTIONS, TrackRacing
 from sim_pybullet.vec_env import DuckpilotVecEnv
-from sim_pybullet.vehicle import ACTION_TABLE
 
 SMALL = ImageSpec(40, 30, 10)
 LAPS = 0.25  # two take too long for a test
@@ -138,7 +137,7 @@ def test_actions_are_those_of_the_contract(env: DriveEnv) -> None:
     if isinstance(env.world.task, TrackRacing):
         assert env.world.task.vehicle.actions == RACING_ACTIONS
         return
-    turns = np.diff(ACTION_TABLE, axis=1)[:, 0] / 0.102
+    turns = np.diff(ACTION_WHEELS, axis=1)[:, 0] / 0.102
     np.testing.assert_allclose(turns, [twist.turn_radps for twist in ACTION_TWISTS])
     for name, twist in zip(Action, ACTION_TWISTS, strict=True):
         row = next(

@@ -3,18 +3,17 @@
 import numpy as np
 import pytest
 
-from robot.contract import CONTROL_DT_S, Action
+from robot.contract import ACTION_WHEELS, CONTROL_DT_S, Action
 from robot.geometry import Pose
 from robot.navigation.path import Path, PathBatch, lane_loop
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL, DriveLook
-from sim_pybullet.motors import MotorModel
+from sim_pybullet.motors import MotorModel, expert_actions
 from sim_pybullet.tasks.following import HALF_LANE_TILES
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.town import Town
-from sim_pybullet.vehicle import ACTION_TABLE, expert_actions
 from tests.sim_pybullet.flat_camera import PoseCamera
 
 
@@ -43,7 +42,7 @@ def follow(path: Path, seconds: float) -> np.ndarray:
         if not path.closed and at.arc_m[0] > path.length_m - 0.05:
             break
         offsets.append(at.offset_m[0])
-        wheels = ACTION_TABLE[expert_actions(batch, town.poses, at.arc_m)]
+        wheels = np.array(ACTION_WHEELS)[expert_actions(batch, town.poses, at.arc_m)]
         for _ in range(3):
             town.step(motors.step(wheels, rng))
     town.close()

@@ -14,5 +14,5 @@ def test_a_track_is_drawn_like_a_map() -> None:
 
 def test_every_picture_is_on_the_sheet() -> None:
     pictures = np.stack([np.full((4, 5, 3), k, np.uint8) for k in range(1, 8)])
-    assert sheet(pictures).shape == (2 * 6, 6 * 7, 3)
-    assert set(np.unique(sheet(pictures))) == {*range(1, 8), 255}
+    assert sheet(pictures, 6).shape == (2 * 6, 6 * 7, 3)
+    assert set(np.unique(sheet(pictures, 6))) == {*range(1, 8), 255}

@@ -91,16 +91,6 @@ def test_other_solids_take_the_place_of_those_of_a_world_and_of_no_other(
 
 
 @pytest.mark.parametrize("drive", ["planar", "wheels"])
-def test_robots_meet_where_asked(make_town: MakeTown, drive: Drive) -> None:
-    town = make_town([()], 2, drive, robots_collide=True)
-    town.place(0, Pose(0.0, 0.0, 0.0))
-    town.place(1, Pose(1.0, 0.0, np.pi))
-    roll(town, 0.3, 0.0, 3.0)
-    assert town.collided.all()
-    assert town.poses[1, 0] - town.poses[0, 0] > 2 * FRONT_M - 0.01
-
-
-@pytest.mark.parametrize("drive", ["planar", "wheels"])
 def test_walls_and_posts_stop_robots(make_town: MakeTown, drive: Drive) -> None:
     town = make_town([(WALL, POST)], 2, drive)
     town.place(0, Pose(0.0, 0.0, 0.0))

@@ -152,7 +152,7 @@ def advance(poses: np.ndarray, twists: np.ndarray) -> np.ndarray:
 def test_the_expert_drives_every_shipped_track(name: str) -> None:
     cars, rng = 8, np.random.default_rng(0)
     task = TrackRacing([load_track(name)], cars)
-    poses = task.reset(np.arange(cars), rng).poses
+    poses = task.reset(np.arange(cars), rng)
     for i in range(cars):
         task.vehicle.reset(i, CALM.drive)
     over, speeds = np.zeros(cars, dtype=bool), []
@@ -169,7 +169,7 @@ def test_the_expert_drives_every_shipped_track(name: str) -> None:
 
 def test_the_policy_sees_the_last_four_pictures(world: BatchWorld) -> None:
     height, width, _ = SMALL.shape
-    assert world.image_shape == (height, width, 12)
+    assert world.feed.shape == (height, width, 12)
     first = world.reset().image
     for k in range(3):
         np.testing.assert_array_equal(first[..., :3], first[..., 3 * k : 3 * k + 3])

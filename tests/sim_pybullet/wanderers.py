@@ -101,7 +101,7 @@ def coloured(
     colour: str, x_m: float, y_m: float, heading_rad: float, size_m: tuple[float, float, float]
 ) -> Sheet:
     """A piece of one colour: size is (length, width, height above the floor)."""
-    return Sheet(x_m, y_m, heading_rad, *size_m, np.full((1, 1, 3), PAINT[colour], np.uint8))
+    return Sheet(Pose(x_m, y_m, heading_rad), *size_m, np.full((1, 1, 3), PAINT[colour], np.uint8))
 
 
 def clicked(

@@ -130,8 +130,9 @@ def find(robot: Lonely, click: bool) -> Found:
     departed, began_s = False, robot.clock.now()
     while robot.clock.now() - began_s < LONGEST_S and not robot.strayed:
         tick, navigator = robot.turn(), robot.navigator
-        if navigator._search is not None:
-            found.junctions = navigator._search.junctions
+        assert navigator._finding is not None
+        if navigator._finding._search is not None:
+            found.junctions = navigator._finding._search.junctions
         if navigator.pose is not None and found.right is None:
             truth = robot.world.pose
             found.off_m = math.dist(navigator.pose[:2], truth[:2])

@@ -82,7 +82,7 @@ def _drive(world: BatchWorld, policy: Any, roads: list[RoadFit]) -> Iterator[Eye
     eyes = [Eyes(PictureDoubts(roads[world.maps[robot]])) for robot in range(ROBOTS)]
     actions: list[int | None] = [None] * ROBOTS
     while ended < WORLD_MISSIONS:
-        for robot, believed in enumerate(world.believed_poses.tolist()):
+        for robot, believed in enumerate(world.guidance.poses.tolist()):
             eyes[robot].look(observation.image[robot], Pose(*believed), actions[robot])
         images = preprocess_batch(observation.image, policy.contract.image)
         chosen = policy.act(images, observation.path)

@@ -16,7 +16,7 @@ from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from robot.safety.state_machine import State
 from sim_pybullet.look import NOMINAL
-from sim_pybullet.vehicle import expert_actions
+from sim_pybullet.motors import expert_actions
 from tools.loop import laps
 from tools.loop.__main__ import main, parse
 from tools.loop.laps import LapDrive, LapRecord

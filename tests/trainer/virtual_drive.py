@@ -19,11 +19,11 @@ from robot.recording.drive_file import DriveFile, png
 from robot.recording.topics import Turn
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import ARENA_POSE, Look
+from sim_pybullet.motors import pursuit
 from sim_pybullet.sensing.guidance_feed import PoseError
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import Task, TaskStep
-from sim_pybullet.vehicle import pursuit
 
 BEGAN_S = 1_000.0  # by the robot's clock
 STANDS_S = 2.0  # before it drives off
@@ -56,11 +56,11 @@ def record_drive(
         now_s = BEGAN_S + k * CONTROL_DT_S
         wheels = person.wheels(world, k * CONTROL_DT_S)
         told_wheels = wheels[::-1] if k % 40 < 40 * reverse else wheels
-        arrived = told.observe(world.poses, now_s, rng)
-        age_s = now_s - float(arrived.captured_s[0])
-        _write(file, (k, frame), now_s, image[0], told_wheels, arrived.poses[0], age_s)
+        arrived, captured_s = told.observe(world.poses, now_s, rng)
+        age_s = now_s - float(captured_s[0])
+        _write(file, (k, frame), now_s, image[0], told_wheels, arrived[0], age_s)
         if task.guided:
-            believed = Pose(*world.believed_poses[0].tolist())
+            believed = Pose(*world.guidance.poses[0].tolist())
             file.add(topics.POSE, now_s, topics.pose_message(now_s, believed), k)
         shares = np.clip(np.array([wheels]) / MAX_WHEEL_MPS, -1.0, 1.0)
         before, image = image, world.step(shares).observation.image

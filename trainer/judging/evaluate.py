@@ -21,8 +21,7 @@ from sim_pybullet.episodes import Looks
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
-from sim_pybullet.tasks.following import MAX_HEADING_ERROR_RAD
-from sim_pybullet.tasks.spec import Choices, find_task
+from sim_pybullet.tasks.spec import MAX_HEADING_ERROR_RAD, Choices, find_task
 from trainer.judging.intervals import wilson_low
 from trainer.options import EvaluateOptions, task_of
 

@@ -71,7 +71,7 @@ class _Above:
 
     def tell(self, poses: np.ndarray, now_s: float) -> np.ndarray:
         """(B, 3) what arrives now, of true poses (B, 3)."""
-        told = self._errors.observe(poses, now_s, self._rng).poses
+        told, _ = self._errors.observe(poses, now_s, self._rng)
         self.believed = self._errors.of_standing(poses)
         return told
 
@@ -98,14 +98,14 @@ class Governed(Pilot):
         self._turns += 1
         now_s, ours = self._turns * CONTROL_DT_S, task.group
         poses = world.poses.reshape(-1, ours, 3)
-        bodies = task.crowd.bodies(poses, np.zeros((len(poses), ours, 2)))
+        bodies = task.crowd.bodies(poses)
         red = task.look(world.poses).red
         if not self._robots:
-            self._begin(world, task, bodies.kinds.size)
-        there = np.zeros((*bodies.xy_m.shape[:2], 3))
-        there[..., :2], there[:, :ours, 2] = bodies.xy_m, poses[..., 2]
+            self._begin(world, task, task.crowd.kinds.size)
+        there = np.zeros((*bodies.shape[:2], 3))
+        there[..., :2], there[:, :ours, 2] = bodies, poses[..., 2]
         told = [above.tell(here, now_s) for above, here in zip(self._above, there, strict=True)]
-        heard = [self._messages(poses, bodies.kinds, ours, now_s) for poses in told]
+        heard = [self._messages(poses, task.crowd.kinds, ours, now_s) for poses in told]
         believed = np.array([above.believed[:ours] for above in self._above]).reshape(-1, 3)
         arc_m = task.paths.project(believed[:, :2], task.paths.index_at(task.course.arc_m)).arc_m
         ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)

@@ -18,7 +18,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from robot.contract import PATH_POINTS
 from robot.navigation.path import path_inputs
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.rendering.camera import NoCamera
+from sim_pybullet.rendering.ray_camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise, make_env
@@ -70,7 +70,7 @@ def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> C
 
 
 def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:
-    blind = make_env(replace(config, translate=None), ROBOTS, config.seed, NoCamera(ROBOTS))
+    blind = make_env(replace(config, translate=None), ROBOTS, config.seed, NoCamera())
     env = ScaledReward(told_instead(blind), config.reward_scale)
     model = PPO(
         "MlpPolicy",

@@ -102,8 +102,9 @@ def drive(task: Task, looks: Looks, seed: int, decisions: int) -> Pictures:
     last = np.full((ROBOTS, 3), np.nan)
     for k in range(decisions):
         images[k] = observation.image[..., -3:]  # the newest
-        poses, where, scenes = world.pictured_poses, world.maps, world.scenes
-        for i, places in enumerate(world.pictured_movers.tolist()):
+        shown, where, scenes = world.feed.shown.copy(), world.maps, world.feed.scenes
+        poses = shown[:, 0]
+        for i, places in enumerate(shown[:, 1:].tolist()):
             stand = still.get(scenes[i])
             if stand is None:
                 stand = still[scenes[i]] = standing(scenes[i].solids)

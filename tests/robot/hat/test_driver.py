@@ -225,7 +225,7 @@ def test_standing_coils_drop_to_hold_and_then_let_go() -> None:
         rig.come_to_rest()
         duties = [rig.hat.chip.outputs.duty(channel) for channel in (2, 7, 8, 13)]
         assert duties == pytest.approx([0.3] * 4, abs=1e-3)
-        currents = [abs(i) for rotor in rig.hat.rotors for i in rotor.mean_currents if i]
+        currents = [abs(c.current) for rotor in rig.hat.rotors for c in rotor.drives if c.current]
         assert currents == pytest.approx([0.3] * len(currents), abs=1e-3)
         assert len(currents) >= 2
         rig.wait(5.0)

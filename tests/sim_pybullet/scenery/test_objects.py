@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.contract import ImageSpec
-from robot.errors import MapError
 from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig
 from robot.navigation.map_objects import MapObject, kinds, objects_of
@@ -117,11 +116,6 @@ def test_every_kind_of_object_stands_on_the_floor_and_is_as_high_as_asked(kind: 
     # nobody collides with a traffic light: maps put them into the way, as if they hung there
     assert any(solid.collides for solid in solids) == (kind != "trafficlight")
     assert all(min(solid.size_m) > 0.0 for solid in solids)
-
-
-def test_an_unknown_kind_is_refused_with_the_nearest() -> None:
-    with pytest.raises(MapError, match="did you mean 'duckie'"):
-        object_solids(MapObject("it", "duckee", 0.0, 0.0, 0.0, 0.1))
 
 
 def test_optional_objects_come_and_go_with_the_generator() -> None:

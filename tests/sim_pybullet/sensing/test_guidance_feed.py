@@ -28,8 +28,8 @@ def drive(world: BatchWorld, steps: int) -> tuple[np.ndarray, np.ndarray]:
     errors = []
     for _ in range(steps):
         world.step(world.expert_actions())
-        assert world._guidance is not None
-        errors.append(world._guidance.poses - world.poses)
+        assert world.guidance is not None
+        errors.append(world.guidance.poses - world.poses)
     delta = np.array(errors)
     return np.hypot(delta[..., 0], delta[..., 1]), np.angle(np.exp(1j * delta[..., 2]))
 
@@ -81,8 +81,8 @@ def test_steps_do_not_know_of_slip() -> None:
 def test_robots_with_and_without_error_share_a_world() -> None:
     world = make_world(NOMINAL, replace(NOMINAL, pose=ARENA_POSE))
     world.reset()
-    assert world._guidance is not None
-    wrong = np.abs(world._guidance.poses - world.poses).max(axis=1) > 1e-9
+    assert world.guidance is not None
+    wrong = np.abs(world.guidance.poses - world.poses).max(axis=1) > 1e-9
     assert 0 < wrong.sum() < ROBOTS
     world.close()
 
@@ -93,8 +93,8 @@ def test_a_new_episode_begins_at_the_new_place() -> None:
     seen = 0
     for _ in range(60):
         step = world.step(np.zeros(ROBOTS, dtype=int))  # in circles: soon off the path
-        assert world._guidance is not None
-        delta = world._guidance.poses[step.finished.robots] - world.poses[step.finished.robots]
+        assert world.guidance is not None
+        delta = world.guidance.poses[step.finished.robots] - world.poses[step.finished.robots]
         assert np.all(np.hypot(delta[:, 0], delta[:, 1]) < 0.15)
         seen += len(delta)
     assert seen > ROBOTS

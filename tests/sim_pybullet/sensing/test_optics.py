@@ -22,7 +22,7 @@ def reddened(pictures: np.ndarray, *shares: float) -> np.ndarray:
 
 @pytest.mark.parametrize("length", [1.0, 2.5, 7.0])
 def test_a_smear_spreads_light_along_the_row_and_keeps_its_sum(length: float) -> None:
-    seen = smeared(POST, np.array([length]))[0, 10, :, 0].astype(float)
+    seen = smeared(POST.copy(), np.array([length]))[0, 10, :, 0].astype(float)
     assert seen.sum() == pytest.approx(200.0, abs=len(seen) * 0.5)
     assert (seen > 0).sum() == pytest.approx(length, abs=2.0)
     assert seen[31:40] == pytest.approx(seen[29:20:-1], abs=1.0)

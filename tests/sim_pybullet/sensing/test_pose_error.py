@@ -10,19 +10,17 @@ DT = 0.1
 
 def run(look: PoseLook, ticks: int, seed: int = 0, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Errors (T, N, 3) against the pose at capture time, and delays (T, N); NaN where none came."""
-    rng, model = np.random.default_rng(seed), PoseError(count, DT)
+    rng, model = np.random.default_rng(seed), PoseError(count)
     for robot in range(count):
         model.reset(robot, look, rng)
     errors, delays = [], []
     for tick in range(ticks):
         true = np.full((count, 3), 0.01 * tick)
         true[:, 2] = 0.0
-        arrived = model.observe(true, tick * DT, rng)
-        at_capture = np.where(np.isfinite(arrived.captured_s), arrived.captured_s / DT * 0.01, 0.0)
-        errors.append(arrived.poses - np.stack((at_capture, at_capture, 0 * at_capture), axis=1))
-        delays.append(
-            np.where(np.isfinite(arrived.captured_s), tick * DT - arrived.captured_s, np.nan)
-        )
+        told, captured_s = model.observe(true, tick * DT, rng)
+        at_capture = np.where(np.isfinite(captured_s), captured_s / DT * 0.01, 0.0)
+        errors.append(told - np.stack((at_capture, at_capture, 0 * at_capture), axis=1))
+        delays.append(np.where(np.isfinite(captured_s), tick * DT - captured_s, np.nan))
     return np.array(errors), np.array(delays)
 
 

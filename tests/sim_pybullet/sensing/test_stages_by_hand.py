@@ -82,7 +82,7 @@ def test_black_and_white_are_the_ends() -> None:
 @pytest.mark.parametrize("length_px", [0.31, 1.0, 2.4, 5.0])
 def test_a_smear_is_a_mean_along_the_row(length_px: float) -> None:
     """A box of that length about each pixel; its ends count by what of a pixel they cover."""
-    seen = smeared(PICTURE, np.array([length_px]))[0].astype(float)
+    seen = smeared(PICTURE.copy(), np.array([length_px]))[0].astype(float)
     half = math.ceil(0.5 * length_px)
     weights = np.clip(0.5 * length_px + 0.5 - np.abs(np.arange(-half, half + 1)), 0.0, 1.0)
     wide = np.pad(PICTURE[0].astype(float), ((0, 0), (half, half), (0, 0)), "edge")

@@ -10,7 +10,7 @@ from robot.errors import ConfigError, MapError
 from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
-from sim_pybullet.rendering.solid_table import mover_rows
+from sim_pybullet.rendering.solid_table import solid_rows
 from sim_pybullet.traffic.ahead import AHEAD_M, along, nearest, steps_ahead
 from sim_pybullet.traffic.crowd import Approach, Crowd, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
@@ -26,12 +26,12 @@ def test_a_robot_sees_what_is_ahead_on_its_path_and_nothing_else() -> None:
     points = np.stack((AHEAD_M, np.zeros_like(AHEAD_M)), axis=-1)[None]
     bodies = np.array([[(-0.1, 0.0), (0.4, 0.2), (0.6, 0.05), (0.9, 0.0), (np.nan, np.nan)]])
     steps = steps_ahead(points, np.zeros((1, 3)), bodies, np.full((1, 5), 0.15))
-    seen = nearest(steps)
-    assert seen.what[0] == 2
-    assert 0.44 - 0.041 <= seen.free_m[0] <= 0.6 - 0.14
-    free = nearest(steps[:, :2])
-    assert free.what[0] == -1
-    assert free.free_m[0] > 0.95
+    (free_m,), (ends,) = nearest(steps)
+    assert ends == 2
+    assert 0.44 - 0.041 <= free_m <= 0.6 - 0.14
+    (free_m,), (ends,) = nearest(steps[:, :2])
+    assert ends == -1
+    assert free_m > 0.95
 
 
 def test_who_leads_through_a_bend_goes_on_along_it() -> None:
@@ -46,8 +46,8 @@ def test_who_leads_through_a_bend_goes_on_along_it() -> None:
 
 def test_a_duck_waits_crosses_at_its_speed_and_comes_back() -> None:
     rng, ducks = np.random.default_rng(0), Ducks(1, 2)
-    way_m = 0.6
-    ducks.begin(0, np.array([(1.0, 2.0, np.pi / 2, way_m)]), (0.12, 0.12), (3.0, 3.0), rng)
+    way_m, how = 0.6, Scenario(duckie_speed_mps=(0.12, 0.12), duckie_wait_s=(3.0, 3.0))
+    ducks.begin(0, np.array([(1.0, 2.0, np.pi / 2, way_m)]), how, rng)
     assert np.isnan(ducks.poses[0, 1]).all()
     ys = []
     for _ in range(170):
@@ -62,7 +62,8 @@ def test_a_duck_waits_crosses_at_its_speed_and_comes_back() -> None:
 
 def test_a_duck_does_not_walk_into_a_robot_in_front_of_it_but_goes_back() -> None:
     rng, ducks, xs = np.random.default_rng(0), Ducks(1, 1), []
-    ducks.begin(0, np.array([(0.0, 0.0, 0.0, 0.6)]), (0.1, 0.1), (0.0, 0.0), rng)
+    how = Scenario(duckie_speed_mps=(0.1, 0.1), duckie_wait_s=(0.0, 0.0))
+    ducks.begin(0, np.array([(0.0, 0.0, 0.0, 0.6)]), how, rng)
     for _ in range(60):
         ducks.step(np.array([[(0.4, 0.0)]]))
         xs.append(ducks.poses[0, 0, 0])
@@ -132,7 +133,7 @@ def test_a_light_is_green_for_two_ways_of_four_in_turn() -> None:
         lights.step()
     changes = np.flatnonzero(np.diff(seen))
     assert set(np.diff(changes)) <= set(range(40, 72))
-    rows, owners = mover_rows((lamps(0), lamps(1)))
+    rows, owners = solid_rows((*lamps(0), *lamps(1))), np.repeat((0, 1), len(lamps(0)))
     assert (rows[owners == 0, -3:] != rows[owners == 1, -3:]).any()
 
 
@@ -174,7 +175,7 @@ def test_what_a_map_says_moves_is_no_longer_part_of_the_scenery() -> None:
     duck = {"kind": "duckie", "pos": [1.5, 0.1], "height": 0.08}
     streets = Streets([with_objects([duck, {**duck, "pos": [1.5, 2.9], "static": False}])])
     assert len(streets.movers[0]) == 1
-    assert streets.road_maps[0].objects == [duck]
+    assert list(streets.road_maps[0].objects.values()) == [duck]
 
 
 def test_nobody_tours_through_a_barrier() -> None:

@@ -13,12 +13,12 @@ from robot.geometry import Pose
 from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL, DriveLook, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S as TRAINING_DT_S
+from sim_pybullet.motors import WheeledRobots
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.town import Town
 from sim_pybullet.traffic.crowd import duck_solids
-from sim_pybullet.vehicle import WheeledRobots
 from sim_pybullet.virtual.world import RolledWheels, VirtualWorld
 from tests.robot.hat.rig import Rig, make_rig
 

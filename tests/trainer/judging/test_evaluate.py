@@ -148,7 +148,7 @@ def test_all_manoeuvres_are_driven_once_from_any_seed_on(navigator: Path) -> Non
     for number in range(7, 7 + 32):
         task.reset(all_robots, rng, number)
         lengths.append(float(task.paths.length_m[0]))
-    assert sorted(lengths) == pytest.approx(sorted(m.path.length_m for m in task.manoeuvres))
+    assert sorted(lengths) == pytest.approx(sorted(m.length_m for m in task.manoeuvres))
 
 
 def test_an_evaluation_is_the_same_in_processes_and_when_it_was_cut_off(

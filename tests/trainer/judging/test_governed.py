@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robot.contract import MAX_WHEEL_MPS
+from robot.contract import ACTION_WHEELS, MAX_WHEEL_MPS
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
+from sim_pybullet.motors import expert_actions
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.vehicle import ACTION_TABLE, expert_actions
 from trainer.judging.challenge import Episode, drive
 from trainer.judging.drivers import Driver, Expert, Pilot
 from trainer.judging.governed import Governed
@@ -24,9 +24,9 @@ class Heedless(Expert):
 
     def choose(self, world: BatchWorld, seen: Any) -> np.ndarray:
         task = world.task
-        return ACTION_TABLE[expert_actions(task.paths, world.poses, task.course.arc_m)] / (
-            MAX_WHEEL_MPS
-        )
+        return np.array(ACTION_WHEELS)[
+            expert_actions(task.paths, world.poses, task.course.arc_m)
+        ] / (MAX_WHEEL_MPS)
 
 
 @pytest.fixture

@@ -16,8 +16,7 @@ from robot.navigation.path import PathBatch, lane_loop
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, shipped_maps
 from robot.typed_config import read_yaml
-from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
-from sim_pybullet.vehicle import WheeledRobots, expert_actions
+from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS, WheeledRobots, expert_actions
 from trainer.judging.olympics import LaneRules
 
 # What duckietown-world 6.4.3 said of these drives; the slow test asks it again.

@@ -10,7 +10,7 @@ from rich.console import Console
 from robot.contract import PATH_POINTS
 from robot.navigation.path import path_inputs
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.rendering.camera import NoCamera
+from sim_pybullet.rendering.ray_camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from tests.sim_pybullet.racing.actions import RacingAction
 from tests.trainer.toy import build_model
@@ -26,7 +26,7 @@ QUIET = Console(quiet=True)
 
 
 def make_blind_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
-    return make_env(config, robots, seed, NoCamera(robots))
+    return make_env(config, robots, seed, NoCamera())
 
 
 def run(task: str = "track", **options: str) -> RunConfig:

@@ -104,7 +104,8 @@ def drive(
         values = policy.values(observation.image, observation.path)
         wheels = np.zeros((ROBOTS, 2))
         for i, robot in enumerate(robots):
-            believed, sure = world.believed_poses[i], world.certainty[i, 0] <= MAP_LINES_M
+            within_m = world.guidance._fusion.certainty[i, 0]
+            believed, sure = world.guidance.poses[i], within_m <= MAP_LINES_M
             ahead_m = views[world.maps[i]].line_ahead_m(believed) if sure else math.inf
             line_m = ahead_m - NOSE_M if math.isfinite(ahead_m) else None
             road = Road(now_s, float(driven_m[i]), robot.capped_mps, RoadAhead(line_m=line_m))
