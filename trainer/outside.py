@@ -19,7 +19,6 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.preprocessing import preprocess_obs
 from stable_baselines3.common.save_util import load_from_zip_file
 from torch import nn
 
@@ -29,6 +28,7 @@ from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.output import atomically
 from robot.typed_config import load_yaml
+from trainer.envs import spaces_of
 from trainer.export import check_equal, export_network, noise_seen
 from trainer.torch_file import reading
 
@@ -42,15 +42,10 @@ EXAMPLE = "task: lane, algorithm: mine, image: {width_px: 160, height_px: 120, c
 def export_outside(source: str, contract: Path | None, out: Path | None) -> tuple[Path, float]:
     """Write a policy from elsewhere as ONNX; the file, and how far its values are from torch's.
 
-    Args:
-        source: a stable-baselines3 zip, a TorchScript file, or MODULE:ATTRIBUTE, which is a torch
-            module or makes one.
-        contract: YAML of a `robot.contract.PolicyContract`; a zip needs none.
-        out: the file, by default beside ``source``.
-
-    Raises:
-        ConfigError: there is no such policy, or no contract.
-        ContractError: the network does not do what the contract says.
+    ``source``: a stable-baselines3 zip, a TorchScript file, or MODULE:ATTRIBUTE, which is a torch
+    module or makes one. ``contract``: YAML of a `robot.contract.PolicyContract`; a zip needs none.
+    ConfigError: there is no such policy, or no contract. ContractError: the network does not do
+    what the contract says.
     """
     path = Path(source)
     if out is None and not path.exists():
@@ -121,7 +116,7 @@ def _from_stable_baselines3(
 
 def _contract_of(path: Path, seen: spaces.Space, done: spaces.Space) -> PolicyContract:
     """What the spaces of a policy say, as the project's environments make them."""
-    parts = dict(seen.spaces) if isinstance(seen, spaces.Dict) else {"image": seen}
+    parts = spaces_of(seen)
     image, guide = parts.pop("image", None), parts.pop("path", None)
     if parts or not isinstance(image, spaces.Box) or len(image.shape) != 3:
         raise ContractError(
@@ -159,8 +154,7 @@ class _ChoosingNetwork(nn.Module):
         super().__init__()
         self.policy = policy
         seen, done = policy.observation_space, policy.action_space
-        image = seen["image"] if isinstance(seen, spaces.Dict) else seen
-        self.transposed = image.shape != contract.picture_shape
+        self.transposed = spaces_of(seen)["image"].shape != contract.picture_shape
         self.alone = not isinstance(seen, spaces.Dict)
         self.table: torch.Tensor | None = None
         if isinstance(done, spaces.Box):
@@ -175,25 +169,13 @@ class _ChoosingNetwork(nn.Module):
         """(N, actions): what a Q network or an actor says, or how near an action is."""
         picture = image.permute(0, 3, 1, 2) if self.transposed else image
         seen: Any = picture if self.alone else {"image": picture, "path": path}
-        said = self._says(seen)
-        if self.table is None:
-            return said
-        wheels = MAX_WHEEL_MPS * said.clamp(-1.0, 1.0)
-        return -(wheels[:, None] - self.table[None]).square().sum(dim=2)
-
-    def _says(self, seen: Any) -> torch.Tensor:
         policy = self.policy
-        if isinstance(policy, ActorCriticPolicy):
-            ready = preprocess_obs(seen, policy.observation_space, policy.normalize_images)
-            latent = policy.mlp_extractor.forward_actor(policy.pi_features_extractor(ready))
-            said = policy.action_net(latent)
-            return said.tanh() if policy.squash_output else said
+        if self.table is not None:
+            wheels = MAX_WHEEL_MPS * policy._predict(seen, deterministic=True).clamp(-1.0, 1.0)
+            return -(wheels[:, None] - self.table[None]).square().sum(dim=2)
         if hasattr(policy, "q_net"):
             return policy.q_net(seen)
-        actor = policy.actor
-        if hasattr(actor, "get_action_dist_params"):
-            return actor.get_action_dist_params(seen)[0].tanh()
-        return actor(seen)
+        return policy.get_distribution(seen).distribution.logits
 
 
 def _expect_values(

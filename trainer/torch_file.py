@@ -41,10 +41,11 @@ def reading(path: Path, what: str, remedy: str = "") -> Iterator[None]:
         ) from error
 
 
-def load_torch(path: Path, what: str, device: Any = "cpu", remedy: str = "") -> Any:
-    """What `torch.save` wrote, plain data and tensors only; ConfigError as of `reading`."""
+@contextmanager
+def loaded(path: Path, what: str, device: Any = "cpu", remedy: str = "") -> Iterator[Any]:
+    """What `save_torch` wrote; ConfigError as of `reading`."""
     with reading(path, what, remedy):
-        return torch.load(path, map_location=device, weights_only=True)
+        yield torch.load(path, map_location=device, weights_only=True)
 
 
 def save_torch(path: Path, content: Any) -> None:

@@ -42,6 +42,7 @@ class Dagger(DoubleDQN):
     coach: Coach | None = None  # whom it imitates; without, the vehicle's own expert
     expert_steps = 1
     random_share = 0.0
+    rng: np.random.Generator
 
     @override
     def _sample_action(
@@ -54,14 +55,10 @@ class Dagger(DoubleDQN):
         expert = expert.astype(np.int64)
         learner, _ = self.policy.predict(self._last_obs, deterministic=True)
         share = max(0.0, 1.0 - self.num_timesteps / self.expert_steps)
-        taken = np.where(self._rng.random(n_envs) < share, expert, learner)
-        choices = self._rng.integers(int(self.q_net.action_space.n), size=n_envs)
-        taken = np.where(self._rng.random(n_envs) < self.random_share, choices, taken)
+        taken = np.where(self.rng.random(n_envs) < share, expert, learner)
+        choices = self.rng.integers(int(self.q_net.action_space.n), size=n_envs)
+        taken = np.where(self.rng.random(n_envs) < self.random_share, choices, taken)
         return taken, expert
-
-    def _setup_model(self) -> None:
-        super()._setup_model()
-        self._rng = np.random.default_rng(self.seed)
 
     def _update(self, batch_size: int) -> float:
         assert self.replay_buffer is not None
@@ -76,6 +73,7 @@ def build(making: Making) -> Dagger:
     arguments = off_policy(making, n_steps=1, gamma=0.0)
     model = Dagger(**arguments, train_freq=learn.dagger_every)
     model.expert_steps, model.random_share = learn.expert_steps, learn.random_share
+    model.rng = np.random.default_rng(making.config.seed)
     if learn.coach_steps:
         path, steps = making.folder.coach, learn.coach_steps
         model.coach = find_coach(path, making.config, steps, making.console)

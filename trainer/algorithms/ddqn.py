@@ -19,6 +19,7 @@ from trainer.algorithms import Algorithm, LearnConfig, Making
 from trainer.learners.networks import QPolicy
 from trainer.learners.policies import ChannelLast
 from trainer.learners.replay import MappedReplayBuffer, off_policy
+from trainer.resumable import descend
 
 
 @dataclass(frozen=True)
@@ -68,10 +69,7 @@ class DoubleDQN(ChannelLast, DQN):
         return self._descend(smooth_l1_loss(chosen, target) + path_loss)
 
     def _descend(self, loss: torch.Tensor) -> float:
-        self.policy.optimizer.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.q_net.parameters(), self.max_grad_norm)
-        self.policy.optimizer.step()
+        descend(self.policy.optimizer, loss, self.max_grad_norm)
         return loss.item()
 
 

@@ -22,16 +22,7 @@ from trainer.run import take_up
 from trainer.sight.augment import drawn
 from trainer.sight.cli import SightRun
 from trainer.sight.network import SightNetwork, calibrate, export_sight
-from trainer.sight.pictures import (
-    IMAGE,
-    Pictures,
-    anywhere,
-    drive,
-    joined,
-    load,
-    missions,
-    save,
-)
+from trainer.sight.pictures import IMAGE, Pictures, anywhere, drive, joined, load, missions, save
 
 DECISIONS = 200  # of each file of pictures
 _RATE = 2e-3
@@ -40,11 +31,7 @@ _CHECKED = 1_000  # pictures that compare ONNX with torch, and calibrate INT8
 
 
 def train_sight(out: Path, run: SightRun, console: Console) -> Path:
-    """Do what of a run is not done yet; the ONNX file.
-
-    Raises:
-        ConfigError: another run lies in ``out``, or the look is kept for judging.
-    """
+    """Do what of a run is not done yet; ConfigError where another lies. Gives the ONNX file."""
     for look in run.look:
         refuse_judging_look(look)
     if take_up(SightRun, out, True, lambda: run) != run:
