@@ -10,9 +10,9 @@ import tyro
 from rich.console import Console
 
 from robot.errors import ConfigError
-from trainer.options import EvaluateOptions, TrainOptions
+from trainer.options import EvaluateOptions, SweepOptions, TrainOptions
 from trainer.processes import ONE_THREAD
-from trainer.sweeps.sweep import SweepOptions, run_sweep
+from trainer.sweeps.sweep import run_sweep
 
 EXPORT_ROBOTS = 32
 _TRAIN = TrainOptions()
@@ -63,7 +63,8 @@ def evaluate_command(
         drives: film the worst that failed or left their lane, beside --json, for report.
         many: several at once.
     """
-    from trainer.sweeps.jobs import EvaluateJob, evaluate_jobs
+    from trainer.judging.judge import judge
+    from trainer.sweeps.jobs import evaluate_jobs
 
     if many.wanted or many.ray is not None:
         jobs = evaluate_jobs(json, options, drives, many)
@@ -71,7 +72,7 @@ def evaluate_command(
     if drives and json is None:
         raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
     options.check()
-    return EvaluateJob(json, options, drives, many).run(Console(soft_wrap=True))
+    return judge(json, options, drives, many.workers, Console(soft_wrap=True))
 
 
 def export_command(
@@ -132,16 +133,14 @@ def report_command(
     """
     if not runs:
         raise ConfigError("report: expected one run folder or more, got none")
+    from trainer.report.page import LiveReport, write_report
+
     console = Console(soft_wrap=True)
     if live:
-        from trainer.report.page import LiveReport
-
         with LiveReport(runs, out, port) as server, suppress(KeyboardInterrupt):
             console.print(f"Open {server.address} (Ctrl-C ends it)", markup=False)
             server.serve_forever()
         return 0
-    from trainer.report.page import write_report
-
     console.print(str(write_report(runs, out)), markup=False)
     return 0
 

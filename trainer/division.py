@@ -22,7 +22,7 @@ from sim_pybullet.scenery.objects import Place
 FILE = Path(__file__).parent / "division.yaml"
 PARTS = ("training", "choosing", "judging")
 _SIDES = "SENW"  # in this order each is a quarter turn counter-clockwise from the one before
-_MIRRORED = str.maketrans("EW", "WE")
+_MIRRORED = "SWNE"
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,13 @@ def fingerprint(road_map: RoadMap) -> str:
     Where roads leave each tile counts; the size of the tiles, objects, kinds of floor, empty rows
     and columns around the roads, quarter turns and mirror images do not.
     """
-    grid = np.array(
-        [["".join(sorted(t.road_sides)) for t in row] for row in road_map.tiles], object
-    )
+    grid = np.array([["".join(t.road_sides) for t in row] for row in road_map.tiles], object)
     rows, columns = (np.flatnonzero((grid != "").any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return ""
     grid = grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    text = min(_written(np.rot90(one, k), k) for one in (grid, _mirrored(grid)) for k in range(4))
+    both = (grid, _SIDES), (grid[:, ::-1], _MIRRORED)
+    text = min(_written(np.rot90(one, k), sides, k) for one, sides in both for k in range(4))
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
@@ -118,15 +117,11 @@ def _known() -> dict[str, tuple[str, str]]:
     return {fingerprint(load_map(name)): (part, name) for part, name in shipped} | outside
 
 
-def _written(grid: np.ndarray, quarter_turns: int) -> str:
-    turned = str.maketrans(_SIDES, _SIDES[quarter_turns:] + _SIDES[:quarter_turns])
+def _written(grid: np.ndarray, sides: str, quarter_turns: int) -> str:
+    turned = str.maketrans(sides, _SIDES[quarter_turns:] + _SIDES[:quarter_turns])
     return "/".join(
         ",".join("".join(sorted(tile.translate(turned))) for tile in row) for row in grid
     )
-
-
-def _mirrored(grid: np.ndarray) -> np.ndarray:
-    return np.array([[tile.translate(_MIRRORED) for tile in row[::-1]] for row in grid], object)
 
 
 def _some(names: Sequence[str]) -> str:
