@@ -19,11 +19,10 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.navigation import RandomRoutes
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
-from trainer.twin.examples import Examples, examples_of, foretold, told
+from trainer.twin.examples import AHEAD_M, Examples, examples_of, foretold, ways_driven
 from trainer.twin.proof import where_failed
 from trainer.twin.recorded import Recorded
 from trainer.twin.teach import TeachConfig, base_file, load_base, teach
-from trainer.twin.ways import AHEAD_M, ways_driven
 
 LANE = PolicyContract("lane", "coached")
 LEFT = (0.06, 0.30)
@@ -113,7 +112,8 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     model = tmp_path / "model.onnx"
     taught = replace(contract, taught_from="lane_coached")
     export_network(network, taught, model)
-    assert told(OnnxPolicy(model), person) == (40, 40)  # what the person did, again and again
+    actions = OnnxPolicy(model).act(person.images)
+    assert foretold(actions, person, contract) == (40, 40)  # what the person did, again and again
     proof = Proof(1, 0, 0.0, 0.8, 40, 40, "a sentence")
     export_network(network, replace(taught, proof=proof), model)
     assert OnnxPolicy(model).contract.proof == proof

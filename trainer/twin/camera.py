@@ -45,6 +45,9 @@ RIVAL = 1.3  # times as much may the next best leave unexplained, to be as likel
 SOFT_PX, BLUR_PX = 3.0, 1.0  # of pictures: to find lines from afar, and against aliasing
 _EVERY = 3  # pixels of which one is asked
 _ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
+ROWS, COLUMNS = np.mgrid[-1:1:120j, -1:1:160j]  # of pixels
+_SHADES = (np.ones_like(ROWS), ROWS, COLUMNS, ROWS**2, COLUMNS**2)
+_SHADING = np.stack(_SHADES, axis=-1).reshape(-1, len(_SHADES))
 _COVER = {
     SemanticClass.WHITE_LINE: (255, 0, 0),
     SemanticClass.YELLOW_LINE: (0, 255, 0),
@@ -99,9 +102,8 @@ class Eye:
         off_road = cv2.erode(beside.astype(np.uint8), np.ones((9, 9))) > 0
         off_road |= cv2.dilate(unknown.astype(np.uint8), np.ones((5, 5))) > 0
         known = np.flatnonzero(self._near & ~off_road)[::_EVERY]
-        planes = drawn.astype(np.float32) / 255.0
-        if blur_px:
-            planes = np.stack([cv2.GaussianBlur(plane, (0, 0), blur_px) for plane in planes])
+        sharp = drawn.astype(np.float32) / 255.0
+        planes = np.stack([cv2.GaussianBlur(plane, (0, 0), blur_px) for plane in sharp])
         seen = planes.reshape(len(planes), -1, 3)[:, known].astype(float)
         rigs = len(self._slots) - 7
         more = np.concatenate((seen[1 : 1 + rigs // 2], seen[-6:-3]))
@@ -109,22 +111,11 @@ class Eye:
         return known, seen[0], (more - less) / (2.0 * self._small)[:, None, None]
 
 
-def planes_of(image: np.ndarray, blur_px: float = 0.0) -> np.ndarray:
+def planes_of(image: np.ndarray, blur_px: float) -> np.ndarray:
     """(pixels, 2) float64, brightness and yellow of a picture."""
-    seen = image.astype(np.float32)
-    red, green, blue = np.moveaxis(
-        cv2.GaussianBlur(seen, (0, 0), blur_px) if blur_px else seen, -1, 0
-    )
+    soft = cv2.GaussianBlur(image.astype(np.float32), (0, 0), blur_px)
+    red, green, blue = np.moveaxis(soft, -1, 0)
     return np.stack(((red + green + blue) / 3, (red + green) / 2 - blue), -1).reshape(-1, 2)
-
-
-def _shading() -> np.ndarray:
-    rows, columns = np.mgrid[-1:1:120j, -1:1:160j]
-    terms = (np.ones_like(rows), rows, columns, rows * rows, columns * columns)
-    return np.stack(terms, axis=-1).reshape(-1, len(terms))
-
-
-_SHADING = _shading()
 
 
 class Explained(NamedTuple):
@@ -259,8 +250,7 @@ def settle(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Poses (F, 3) of the eye in pictures taken near poses (F, 3), from ``begin`` on.
 
-    Returns:
-        The poses; roots (F, 3, 3) of their information; how much of each picture is explained.
+    Also roots (F, 3, 3) of their information, and how much of each picture is explained.
     """
     eye, belief = Eye(scene, values, camera_too=False), np.diag(1.0 / POSE_SPREAD**2)
     now, roots, shares = begin.copy(), np.zeros((len(poses), 3, 3)), np.zeros(len(poses))

@@ -59,11 +59,7 @@ class UnfitError(ConfigError):
 
 
 def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Recorded]:
-    """Those that tell enough; of the others it is told why not.
-
-    Raises:
-        ConfigError: none is left, or one is no recording.
-    """
+    """Those that tell enough; of the others it is told why not. ConfigError if none is left."""
     drives = []
     for path in paths:
         try:
