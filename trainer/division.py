@@ -20,7 +20,6 @@ from sim_pybullet.randomise import is_reality, load_look_sampler, looks_of
 from sim_pybullet.scenery.objects import Place
 
 FILE = Path(__file__).parent / "division.yaml"
-PARTS = ("training", "choosing", "judging")
 _SIDES = "SENW"  # in this order each is a quarter turn counter-clockwise from the one before
 _MIRRORED = "SWNE"
 
@@ -68,7 +67,7 @@ def fingerprint(road_map: RoadMap) -> str:
 
 
 def part_of(road_map: RoadMap) -> str | None:
-    """To which of `PARTS` a map belongs, by its roads; None for one that is nobody's."""
+    """To which of `Parts` a map belongs, by its roads; None for one that is nobody's."""
     return _known().get(fingerprint(road_map), (None, ""))[0]
 
 
@@ -113,7 +112,7 @@ def _known() -> dict[str, tuple[str, str]]:
     """The part and the name of every map that belongs to one, by fingerprint."""
     maps = division().maps
     outside = {digits: ("judging", name) for name, digits in map(str.split, division().outside)}
-    shipped = ((part, name) for part in PARTS for name in getattr(maps, part))
+    shipped = ((part, name) for part, names in vars(maps).items() for name in names)
     return {fingerprint(load_map(name)): (part, name) for part, name in shipped} | outside
 
 

@@ -225,6 +225,9 @@ def quantise(path: Path, calibration: dict[str, np.ndarray], out: Path) -> None:
     with atomically(out) as temporary:
         file = str(temporary)
         quant_pre_process(str(path), file, skip_optimization=True, skip_symbolic_shape=True)
+        nodes = onnx.load(file).graph.node
+        flat = {name for node in nodes if node.op_type == "Flatten" for name in node.output}
+        heavy = [n.name for n in nodes if n.op_type == "Conv" or flat.intersection(n.input)]
         quantize_static(
             file,
             file,
@@ -232,16 +235,11 @@ def quantise(path: Path, calibration: dict[str, np.ndarray], out: Path) -> None:
             per_channel=True,
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
-            nodes_to_quantize=_heavy_nodes(onnx.load(file)),
+            nodes_to_quantize=heavy,
         )
         model = onnx.load(file)
         model.ir_version = IR_VERSION
         onnx.save(model, file)
-
-
-def _heavy_nodes(model: onnx.ModelProto) -> list[str]:
-    flat = {name for node in model.graph.node if node.op_type == "Flatten" for name in node.output}
-    return [n.name for n in model.graph.node if n.op_type == "Conv" or flat.intersection(n.input)]
 
 
 class _Batches(CalibrationDataReader):

@@ -13,7 +13,7 @@ import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -99,11 +99,8 @@ def _from_torch(source: str) -> nn.Module:
 def _from_stable_baselines3(
     path: Path, agreed: PolicyContract | None
 ) -> tuple[nn.Module, PolicyContract]:
-    what = "a policy that stable-baselines3 saved"
-    with reading(path, what):
-        data, weights, _ = load_from_zip_file(path, device="cpu")
-        if data is None or "policy_class" not in data:
-            raise KeyError("policy_class")
+    with reading(path, "a policy that stable-baselines3 saved"):
+        data, weights, _ = cast(Any, load_from_zip_file(path, device="cpu"))
         kwargs = {k: v for k, v in data.get("policy_kwargs", {}).items() if k != "device"}
         make, seen, done = data["policy_class"], data["observation_space"], data["action_space"]
         if issubclass(make, ActorCriticPolicy):

@@ -37,10 +37,7 @@ class Ended(NamedTuple):
 
 
 class LocalProcesses:
-    """Of this machine; a server that has imported everything forks them.
-
-    That is quick, and no threads are copied.
-    """
+    """Of this machine: a server that has imported everything forks them, fast, with no threads."""
 
     host = "127.0.0.1"
 

@@ -17,8 +17,6 @@ from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
 
 CONFIG = "config.yaml"  # of every kind of run: what it was begun with
-
-
 Config = TypeVar("Config")
 
 

@@ -15,8 +15,7 @@ from robot.output import atomically
 _DAMAGED = (
     RuntimeError,  # torch's for a truncated archive, and for weights of another shape
     EOFError,
-    KeyError,
-    IndexError,
+    LookupError,
     TypeError,
     AttributeError,
     UnicodeDecodeError,

@@ -173,10 +173,7 @@ class _Others:
 def _work(
     number: int, begun: int, config: RunConfig, make_env: EnvMaker, shared: Shared, pipe: Connection
 ) -> None:
-    """The main function of a worker's process: learns until it is killed.
-
-    ``begun``: decisions before the workers began.
-    """
+    """Learn in a worker's process until it is killed; ``begun`` by so many decisions before."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the trainer's affair
     torch.set_num_threads(config.threads)
 

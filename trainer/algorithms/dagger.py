@@ -70,8 +70,7 @@ class Dagger(DoubleDQN):
 def build(making: Making) -> Dagger:
     """A model ready to learn; its coach is taught before, if it has one."""
     learn = cast(DaggerConfig, making.config.learn)
-    arguments = off_policy(making, n_steps=1, gamma=0.0)
-    model = Dagger(**arguments, train_freq=learn.dagger_every)
+    model = Dagger(**off_policy(making, n_steps=1, gamma=0.0), train_freq=learn.dagger_every)
     model.expert_steps, model.random_share = learn.expert_steps, learn.random_share
     model.rng = np.random.default_rng(making.config.seed)
     if learn.coach_steps:

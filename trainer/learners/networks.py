@@ -51,7 +51,7 @@ class DrivingFeatures(BaseFeaturesExtractor):
             self.convolutions: nn.Sequential = backbone
             flat = backbone.width * image[2] // 3 if image[1:] else image[0]
         else:
-            self.convolutions = _convolutions(image[2], net.channels)
+            self.convolutions = _convolutions((image[2], *net.channels))
             with torch.no_grad():
                 flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
         self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
@@ -240,12 +240,10 @@ def unhedged(head: nn.Sequential) -> nn.Sequential:
     return cast(nn.Sequential, head[:-1]) if isinstance(head[-1], Hedge) else head
 
 
-def _convolutions(inputs: int, channels: tuple[int, ...]) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for outputs, (kernel, stride) in zip(channels, KERNELS_AND_STRIDES, strict=False):
-        layers += [nn.Conv2d(inputs, outputs, kernel, stride), nn.ReLU()]
-        inputs = outputs
-    return nn.Sequential(*layers)
+def _convolutions(channels: tuple[int, ...]) -> nn.Sequential:
+    each = zip(itertools.pairwise(channels), KERNELS_AND_STRIDES, strict=False)
+    pairs = ((nn.Conv2d(*sizes, *how), nn.ReLU()) for sizes, how in each)
+    return nn.Sequential(*itertools.chain.from_iterable(pairs))
 
 
 def _perceptron(sizes: tuple[int, ...]) -> nn.Sequential:

@@ -59,7 +59,13 @@ class MappedReplayBuffer(NStepReplayBuffer):
         self.next_observations = self.observations
         parts = spaces_of(seen)
         sizes = [np.prod(rows + part.shape) * part.dtype.itemsize for part in parts.values()]
-        _check_space(folder, 2 * int(sum(sizes)))
+        needed = 2 * int(sum(sizes)) - sum(path.stat().st_size for path in folder.iterdir())
+        free = shutil.disk_usage(folder).free
+        if needed > free:
+            raise ConfigError(
+                f"replay buffer: expected {needed / 1e9:.1f} GB free under {folder}, "
+                f"got {free / 1e9:.1f}; choose a smaller buffer or another --out"
+            )
         self.seen, self.seen_next = (
             {k: self._map(f"{which}{k}", rows + s.shape, s.dtype) for k, s in parts.items()}
             for which in ("", "next_")
@@ -117,13 +123,3 @@ class MappedReplayBuffer(NStepReplayBuffer):
         scalars = (getattr(self, name) for name in _SCALARS)
         for array in (*self.seen.values(), *self.seen_next.values(), *scalars):
             array[self.pos] = array[last]  # may be half written
-
-
-def _check_space(folder: Path, needed: int) -> None:
-    present = sum(path.stat().st_size for path in folder.iterdir())
-    free = shutil.disk_usage(folder).free
-    if needed - present > free:
-        raise ConfigError(
-            f"replay buffer: expected {needed / 1e9:.1f} GB free under {folder}, "
-            f"got {free / 1e9:.1f}; choose a smaller buffer or another --out"
-        )

@@ -26,10 +26,7 @@ class SightRun:
     choosing_files: int = 4  # Of pictures by which uncertainties are scaled.
 
 
-_RUN = SightRun()
-
-
-def train_command(out: Path, options: Annotated[SightRun, tyro.conf.arg(name="")] = _RUN) -> int:
+def train_command(out: Path, options: Annotated[SightRun, tyro.conf.arg(name="")]) -> int:
     """Teach a small network to see lane, red line, junction and whether there is a road.
 
     Learns on the training maps and is calibrated on those for choosing. Called again, it goes on

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -47,13 +46,10 @@ _AS_SEEN: dict[str, Any] = {  # light and sensor leave colours as the camera sho
     "sensor.infrared": 0.0,
 }
 _OUT_OF_SIGHT = ("blur_px", "shutter_s", "jpeg_quality", "grain", "patchiness", "shadows", "wear")
-
-
 Found = dict[str, tuple[Any, float]]
 
 
-@dataclass(frozen=True, eq=False)
-class Twin:
+class Twin(NamedTuple):
     """What a fit found: value and standard deviation by ``group.leaf``; colours are (3,)."""
 
     found: Found
@@ -155,9 +151,8 @@ def _still(drive: Recorded) -> list[np.ndarray]:
 def _track(drive: Recorded, near: np.ndarray, scene: Any, camera: seen.Fitted) -> moved.Told:
     """Where the eye was in the drive's pictures, as far as they tell."""
     few = np.unique(np.linspace(0, len(drive.images) - 1, TRACKED).astype(int))
-    planes = [seen.planes_of(drive.images[k], seen.BLUR_PX) for k in few]
-    begin = near[few]
-    poses, roots, shares = seen.settle(planes, begin, scene, camera.values, begin, steps=4)
+    views = seen.views_of(drive.images[few], near[few], scene)
+    poses, roots, shares = seen.settle(views, camera.values, views.poses, steps=4)
     fair = shares >= _FAIR * camera.share
     matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
     sure = np.swapaxes(np.linalg.cholesky(matrices), 1, 2)

@@ -8,7 +8,7 @@ delay, and where on the robot the eye sits that told the poses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,8 +48,7 @@ def from_above(commands: np.ndarray, told: np.ndarray) -> Told:
     return Told(commands, told[order, 0], told[order, 1:], roots, 8.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(NamedTuple):
     """What was found: values and standard deviations (9,), of ``NAMES`` and ``EYE``."""
 
     values: np.ndarray
@@ -82,11 +81,6 @@ def reckoned(commands: np.ndarray, values: np.ndarray) -> np.ndarray:
     twists = np.zeros((len(values), len(commands), 2))
     for k, wheels in enumerate(commands):
         twists[:, k] = model.step(np.tile(wheels, (len(values), 1)), rng)
-    return _integrated(twists)
-
-
-def _integrated(twists: np.ndarray) -> np.ndarray:
-    """Poses (P, K + 1, 3) along twists (P, K, 2), from the origin on."""
     zero = np.zeros((len(twists), 1, 3))
     step, turn = np.moveaxis(twists * PHYSICS_DT_S, -1, 0)
     middle = np.cumsum(turn, axis=1) - 0.5 * turn
