@@ -124,10 +124,8 @@ def _chosen(words: list[str], program: str) -> tuple[str, Command, list[str]]:
 
 
 def _help(prog: str, commands: Mapping[str, Command | Group]) -> str:
-    rows = [
-        f"  {name:17} {each.purpose if isinstance(each, Command) else PURPOSES[name]}"
-        for name, each in commands.items()
-    ]
+    told = ((name, getattr(each, "purpose", PURPOSES.get(name))) for name, each in commands.items())
+    rows = [f"  {name:17} {purpose}" for name, purpose in told]
     about = [f"usage: {prog} COMMAND …", "", *rows, "", f"{prog} COMMAND --help tells its options."]
     return "\n".join(about)
 

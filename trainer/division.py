@@ -15,11 +15,10 @@ import numpy as np
 
 from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap, load_map, shipped_maps
-from robot.typed_config import from_plain, read_yaml
+from robot.typed_config import load_yaml
 from sim_pybullet.randomise import is_reality, load_look_sampler, looks_of
 from sim_pybullet.scenery.objects import Place
 
-FILE = Path(__file__).parent / "division.yaml"
 _SIDES = "SENW"  # in this order each is a quarter turn counter-clockwise from the one before
 _MIRRORED = "SWNE"
 
@@ -47,7 +46,7 @@ class Division:
 @lru_cache(maxsize=1)
 def division() -> Division:
     """The shipped file."""
-    return from_plain(Division, read_yaml(FILE), str(FILE))
+    return load_yaml(Division, Path(__file__).with_name("division.yaml"))
 
 
 def fingerprint(road_map: RoadMap) -> str:

@@ -31,7 +31,7 @@ OPSET = 17
 IR_VERSION = 9  # onnxruntime 1.19, the last for Python 3.8, loads up to opset 21 and IR 10
 TOLERANCE = 1e-4  # of a value
 GREY_TOLERANCE = 1  # of a translator's pixels, by which rounding may go the other way
-CHECKED_FRAMES, _NOISY_FRAMES = 1_000, 64
+CHECKED_FRAMES, NOISY_FRAMES = 1_000, 64
 RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that recoveries are seen
 
 
@@ -97,7 +97,7 @@ def _export_weights(
     )
     network = GreedyNetwork(policy)
     export_network(network, contract, out)
-    check_equal(network, out, noise_seen(contract, _NOISY_FRAMES))
+    check_equal(network, out, noise_seen(contract, NOISY_FRAMES))
     return network
 
 

@@ -52,15 +52,14 @@ class TrainOptions:
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.tasks.spec import find_task
         from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
-        from trainer.presets import preset, styled
+        from trainer.presets import preset
 
-        config = preset(self.task, self.algo, self.preset)
+        config = preset(self.task, self.algo, self.preset, self.style)
         maps, judged_on = maps_named(self.map) or config.maps, maps_named(self.judge_map)
         load_look_sampler(self.look, self.pose_error, self.without)
-        for names, look, use in (
-            (maps, self.look, "train"),
-            (judged_on, self.judge_look or self.look, "choose"),
-        ):
+        to_train = maps, self.look, "train"
+        to_choose = judged_on, self.judge_look or self.look, "choose"
+        for names, look, use in (to_train, to_choose):
             refuse_judging_look(look, use)
             refuse_judging_maps([find_task(self.task).load(name) for name in names], use)
         judging = replace(config.evaluation, maps=judged_on, look=self.judge_look)
@@ -74,7 +73,7 @@ class TrainOptions:
         given = [name for name in else_the_presets if getattr(self, name) is not None]
         changes = {name: getattr(self, name) for name in (*same, *given)}
         image = _seen_through(self.translate, config.image)
-        config = replace(styled(config, self.style), maps=maps, image=image, **changes)
+        config = replace(config, maps=maps, image=image, **changes)
         if self.backbone:
             from robot.vision.sight import OnnxSight
 

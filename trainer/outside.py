@@ -29,10 +29,9 @@ from robot.inference.policy import OnnxPolicy
 from robot.output import atomically
 from robot.typed_config import load_yaml
 from trainer.envs import spaces_of
-from trainer.export import check_equal, export_network, noise_seen
+from trainer.export import NOISY_FRAMES, check_equal, export_network, noise_seen
 from trainer.torch_file import reading
 
-FRAMES_COMPARED = 64
 # For continuous policies: every pair of these, a stop among them.
 _SPEEDS_MPS = tuple(MAX_WHEEL_MPS * share / 3.0 for share in range(4))
 WHEEL_GRID = tuple(itertools.product(_SPEEDS_MPS, _SPEEDS_MPS))
@@ -62,7 +61,7 @@ def export_outside(source: str, contract: Path | None, out: Path | None) -> tupl
     else:
         network = _from_torch(source)
     network.eval()
-    seen = noise_seen(agreed, FRAMES_COMPARED)
+    seen = noise_seen(agreed, NOISY_FRAMES)
     _expect_values(network, seen, agreed, source)
     with atomically(out) as file:
         try:
@@ -179,7 +178,7 @@ def _expect_values(
     network: nn.Module, seen: dict[str, np.ndarray], contract: PolicyContract, source: str
 ) -> None:
     asked = (f"{n} (N, {str(p.shape[1:])[1:-1].rstrip(',')}) {p.dtype}" for n, p in seen.items())
-    values = f"values (N, {len(contract.actions)}), N = {FRAMES_COMPARED}"
+    values = f"values (N, {len(contract.actions)}), N = {NOISY_FRAMES}"
     expected = f"expected a network that takes {' and '.join(asked)} and gives {values}"
     try:
         with torch.no_grad():
@@ -188,5 +187,5 @@ def _expect_values(
         told = one_line(str(error))[-200:]
         raise ContractError(f"{source}: {expected}, it ends with: {told}") from error
     got = tuple(given.shape) if isinstance(given, torch.Tensor) else type(given).__name__
-    if got != (FRAMES_COMPARED, len(contract.actions)):
+    if got != (NOISY_FRAMES, len(contract.actions)):
         raise ContractError(f"{source}: {expected}, got {got}")

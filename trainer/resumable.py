@@ -84,23 +84,23 @@ def fit(
     parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
 
     def step(rng: np.random.Generator, _: int) -> str:
-        loss = loss_of(rng)
-        descend(optimiser, loss)
+        loss = descend(optimiser, loss_of(rng))
         schedule.step()
-        return f"loss {float(loss.detach()):.3f}"
+        return f"loss {loss:.3f}"
 
     network.train()
     Loop(path, parts, steps, seed).run(step, name, console)
     network.eval()
 
 
-def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor, most: float = inf) -> None:
-    """One step of an optimiser down this loss, by a gradient of at most this norm."""
+def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor, most: float = inf) -> float:
+    """One step of an optimiser down this loss, by a gradient of at most this norm; the loss."""
     optimiser.zero_grad()
     loss.backward()
     if most < inf:
         clip_grad_norm_((p for group in optimiser.param_groups for p in group["params"]), most)
     optimiser.step()
+    return loss.item()
 
 
 def set_rate(optimisers: Iterable[torch.optim.Optimizer], rate: float) -> None:

@@ -61,7 +61,8 @@ def test_the_way_that_a_person_drove_is_what_a_navigator_would_have_been_told() 
     path = RandomRoutes(road_map).draw(np.random.default_rng(0))
     count = int(path.length_m / 0.02)
     told = [(0.1 * k, *path.pose_at(0.02 * k)) for k in range(count)]
-    one = replace(drive(["MANUAL"] * count, [LEFT] * count), map_name="arena", fused=np.array(told))
+    driven = drive(["MANUAL"] * count, [LEFT] * count)
+    one = driven._replace(map_name="arena", fused=np.array(told))
     ways = ways_driven(one)
     far = round(AHEAD_M / 0.02) + 1
     assert all(way is not None for way in ways[: count - far])

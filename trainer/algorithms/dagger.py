@@ -13,11 +13,11 @@ from stable_baselines3.common.noise import ActionNoise
 from torch.nn.functional import cross_entropy
 from typing_extensions import override
 
-from trainer.algorithms import Algorithm, LearnConfig, Making
-from trainer.algorithms.ddqn import DoubleDQN
+from trainer.algorithms import Algorithm, LearnConfig, Making, ddqn
 from trainer.learners.coach import Coach, find_coach
 from trainer.learners.networks import ImitatingPolicy
 from trainer.learners.replay import off_policy
+from trainer.resumable import descend
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class DaggerConfig(LearnConfig):
     coach_steps: int = 0  # by which the expert is learned, see `trainer.learners.coach`; 0: a rule
 
 
-class Dagger(DoubleDQN):
+class Dagger(ddqn.DoubleDQN):
     """``q_net`` gives the learner's logits; the target network lies idle."""
 
     coach: Coach | None = None  # whom it imitates; without, the vehicle's own expert
@@ -64,7 +64,8 @@ class Dagger(DoubleDQN):
         assert self.replay_buffer is not None
         batch: Any = self.replay_buffer.sample(batch_size)
         logits = cast(ImitatingPolicy, self.policy).logits(batch.observations)
-        return self._descend(cross_entropy(logits, batch.actions.flatten().long()))
+        loss = cross_entropy(logits, batch.actions.flatten().long())
+        return descend(self.policy.optimizer, loss, self.max_grad_norm)
 
 
 def build(making: Making) -> Dagger:
@@ -79,11 +80,10 @@ def build(making: Making) -> Dagger:
     return model
 
 
-_SMALL = {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}
 PRESETS: dict[str, dict[str, Any]] = {
     "track": {"steps": 16_000},
     "cruise": {"learn": {"learning_rate": 1e-3, "gradient_steps": 4, "random_share": 0.3}},
-    "debug": {"learn": _SMALL},
+    "debug": ddqn.PRESETS["debug"],
 }
-DIVIDED = ("robots", "batch", "buffer", "warm_up", "expert_steps")
-ALGORITHM = Algorithm("DAgger", DaggerConfig(), ImitatingPolicy, build, PRESETS, divided=DIVIDED)
+_DIVIDED = ("robots", "batch", "buffer", "warm_up", "expert_steps")
+ALGORITHM = Algorithm("DAgger", DaggerConfig(), ImitatingPolicy, build, PRESETS, divided=_DIVIDED)

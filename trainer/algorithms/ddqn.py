@@ -66,11 +66,8 @@ class DoubleDQN(ChannelLast, DQN):
         policy = cast(QPolicy, self.policy)
         values, path_loss = policy.values_and_path_loss(batch.observations)
         chosen = values.gather(1, batch.actions.long())
-        return self._descend(smooth_l1_loss(chosen, target) + path_loss)
-
-    def _descend(self, loss: torch.Tensor) -> float:
-        descend(self.policy.optimizer, loss, self.max_grad_norm)
-        return loss.item()
+        loss = smooth_l1_loss(chosen, target) + path_loss
+        return descend(self.policy.optimizer, loss, self.max_grad_norm)
 
 
 def build(making: Making) -> DoubleDQN:
@@ -95,5 +92,5 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "debug": {"learn": {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}},
 }
-DIVIDED = ("robots", "batch", "buffer", "warm_up", "epsilon_steps")
-ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS, divided=DIVIDED)
+_DIVIDED = ("robots", "batch", "buffer", "warm_up", "epsilon_steps")
+ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS, divided=_DIVIDED)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Other
 from robot.navigation.road_map import RoadMap
-from robot.output import atomically
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import LookPool, Looks
 from sim_pybullet.rendering.ray_camera import RayCamera
@@ -144,18 +142,6 @@ def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
         others = standing(world.scene.solids)
         labels += [label(view, pose, others) for pose in poses.tolist()]
     return Pictures(np.concatenate(images), np.stack(labels))
-
-
-def save(pictures: Pictures, path: Path) -> None:
-    """Whole or not at all."""
-    with atomically(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **pictures._asdict())
-
-
-def load(path: Path) -> Pictures:
-    """What `save` wrote."""
-    with np.load(path) as parts:
-        return Pictures(**parts)
 
 
 def joined(parts: Sequence[Pictures]) -> Pictures:

@@ -217,14 +217,12 @@ def rival_of(best: Fitted, others: Sequence[Fitted]) -> np.ndarray | None:
     return None
 
 
-def descend(
-    views: Views, values: np.ndarray, steps: int, begin: np.ndarray | None = None
-) -> Fitted:
+def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None = None) -> Fitted:
     """Gauss and Newton's steps from values (7,); before each the poses find their places.
 
     Pictures that the map explains less well than most say nothing of the camera.
     """
-    now = views.poses if begin is None else begin
+    now = views.poses if at is None else at
     belief, count = np.diag(1.0 / POSE_SPREAD**2), len(NAMES)
     for _ in range(steps):
         now, _, _ = settle(views, values, now)
