@@ -36,7 +36,6 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "translator_steps": (1, 10**12),
     "episodes": (1, 10_000_000),
     "lap_drives": (1, 1_000_000),
-    "judgings": (1, 1_000_000),
     "frames": (1, 10_000_000),
     "batch": (1, 100_000),
     "structure": (0.0, 1e6),
@@ -95,14 +94,13 @@ def main(arguments: Sequence[str] | None = None, prog: str = PROGRAM) -> int:
     """Run one command of ``prog``; the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
 
-    def work() -> int | None:
+    def work() -> int:
         name, command, rest = _chosen(words, prog)
         module, _, function = command.place.partition(":")
-        do = getattr(importlib.import_module(module), function)
+        do: Callable[..., int] = getattr(importlib.import_module(module), function)
         options = _read(do, rest, f"{prog} {name}")
         _check(name, options)
-        status: int | None = do(**options)
-        return status
+        return do(**options)
 
     return answer(spoken(prog), work)
 
@@ -126,10 +124,8 @@ def _chosen(words: list[str], program: str) -> tuple[str, Command, list[str]]:
 
 
 def _help(prog: str, commands: Mapping[str, Command | Group]) -> str:
-    rows = [
-        f"  {name:17} {each.purpose if isinstance(each, Command) else PURPOSES[name]}"
-        for name, each in commands.items()
-    ]
+    told = ((name, getattr(each, "purpose", PURPOSES.get(name))) for name, each in commands.items())
+    rows = [f"  {name:17} {purpose}" for name, purpose in told]
     about = [f"usage: {prog} COMMAND …", "", *rows, "", f"{prog} COMMAND --help tells its options."]
     return "\n".join(about)
 
@@ -142,7 +138,8 @@ def _read(command: Callable[..., int], words: list[str], prog: str) -> dict[str,
     def options_of(*args: Any, **kwargs: Any) -> dict[str, Any]:
         options = inspect.signature(command).bind(*args, **kwargs).arguments
         if "given" in options:  # else a default that is asked for cannot be told from none
-            options["given"] = tuple(_flags(words))
+            names = {w[2:].split("=")[0].replace("-", "_") for w in words if w[:2] == "--"}
+            options["given"] = tuple(names | {n[3:] for n in names if n.startswith("no_")})
         return options
 
     for word, after in itertools.pairwise([*words, "--"]):
@@ -159,11 +156,6 @@ def _read(command: Callable[..., int], words: list[str], prog: str) -> dict[str,
     except DuckpilotError as error:  # of a default that does not fit
         _refuse(prog, str(error))
     return options
-
-
-def _flags(words: list[str]) -> set[str]:
-    names = {word[2:].split("=")[0].replace("-", "_") for word in words if word.startswith("--")}
-    return names | {name[3:] for name in names if name.startswith("no_")}
 
 
 def _refuse(prog: str, said: str) -> NoReturn:

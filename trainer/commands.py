@@ -10,21 +10,19 @@ import tyro
 from rich.console import Console
 
 from robot.errors import ConfigError
-from trainer.options import EvaluateOptions, TrainOptions
+from trainer.options import EvaluateOptions, SweepOptions, TrainOptions
 from trainer.processes import ONE_THREAD
-from trainer.sweeps.sweep import SweepOptions, run_sweep
+from trainer.sweeps.sweep import run_sweep
 
 EXPORT_ROBOTS = 32
-_TRAIN = TrainOptions()
-_EVALUATE = EvaluateOptions()
-_SWEEP = SweepOptions()
+Several = Annotated[SweepOptions, tyro.conf.arg(name="")]
 
 
 def train_command(
     out: Path,
-    options: Annotated[TrainOptions, tyro.conf.arg(name="")] = _TRAIN,
+    options: Annotated[TrainOptions, tyro.conf.arg(name="")],
+    many: Several,
     resume: bool = False,
-    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
     given: tyro.conf.Suppress[tuple[str, ...]] = (),
 ) -> int:
     """Train a policy; leaves a run folder with model.onnx, curve.png and metrics.json.
@@ -33,9 +31,9 @@ def train_command(
         out: the run's folder; must not hold a run yet, unless --resume. With --seeds or --matrix
             the folder of all runs; finished ones are skipped, others go on.
         options: how.
+        many: several at once.
         resume: go on with the run in --out, if there is one, with its own configuration; give its
             options again, or none.
-        many: several at once.
         given: the names of the options that were given.
     """
     from trainer.sweeps.jobs import TrainJob, combinations
@@ -49,21 +47,22 @@ def train_command(
 
 
 def evaluate_command(
-    options: Annotated[EvaluateOptions, tyro.conf.arg(name="")] = _EVALUATE,
+    options: Annotated[EvaluateOptions, tyro.conf.arg(name="")],
+    many: Several,
     json: Path | None = None,
     drives: bool = False,
-    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
 ) -> int:
     """Drive an exported policy greedily through whole frames, and count successes.
 
     Args:
         options: what, where and how often.
+        many: several at once.
         json: write the figures there. With --seeds or --matrix what is its own is added to each
             name; without --json the files are evaluation_*.json beside the models.
         drives: film the worst that failed or left their lane, beside --json, for report.
-        many: several at once.
     """
-    from trainer.sweeps.jobs import EvaluateJob, evaluate_jobs
+    from trainer.judging.judge import judge
+    from trainer.sweeps.jobs import evaluate_jobs
 
     if many.wanted or many.ray is not None:
         jobs = evaluate_jobs(json, options, drives, many)
@@ -71,7 +70,7 @@ def evaluate_command(
     if drives and json is None:
         raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
     options.check()
-    return EvaluateJob(json, options, drives, many).run(Console(soft_wrap=True))
+    return judge(json, options, drives, many.workers, Console(soft_wrap=True))
 
 
 def export_command(
@@ -132,16 +131,14 @@ def report_command(
     """
     if not runs:
         raise ConfigError("report: expected one run folder or more, got none")
+    from trainer.report.page import LiveReport, write_report
+
     console = Console(soft_wrap=True)
     if live:
-        from trainer.report.page import LiveReport
-
         with LiveReport(runs, out, port) as server, suppress(KeyboardInterrupt):
             console.print(f"Open {server.address} (Ctrl-C ends it)", markup=False)
             server.serve_forever()
         return 0
-    from trainer.report.page import write_report
-
     console.print(str(write_report(runs, out)), markup=False)
     return 0
 

@@ -1,15 +1,12 @@
 """What a run is: frozen dataclasses. `trainer.presets` fills them in."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TypeVar
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError, expect_between, nearest
 from sim_pybullet.tasks.spec import find_task
 from trainer.algorithms import LearnConfig, find_algorithm
-
-T = TypeVar("T")
 
 LARGEST_SEED = 2**31 - 1
 WHOLE_FRAME = ImageSpec()
@@ -81,8 +78,8 @@ class RunConfig:
             raise ConfigError(
                 f"workers: expected a number that divides {robots} robots, got {self.workers}"
             )
-        choose("style", self.style, dict.fromkeys(task.styles or ("race",)))
-        choose("lane", self.lane, dict.fromkeys(task.lanes or ("outer",)))
+        expect_one_of("style", self.style, task.styles or ("race",))
+        expect_one_of("lane", self.lane, task.lanes or ("outer",))
         if not (self.seconds is None or self.seconds > 0):
             raise ConfigError(f"run: expected seconds above 0, got {self.seconds}")
         if self.true_path and getattr(self.learn, "entropy", 1.0) <= 0.0:
@@ -102,8 +99,7 @@ class RunConfig:
             expect_between(name, getattr(self, name), least, most)
 
 
-def choose(what: str, name: str, valid: Mapping[str, T]) -> T:
-    """``valid[name]``, or a ConfigError that names the nearest choice."""
+def expect_one_of(what: str, name: str, valid: Iterable[str]) -> None:
+    """ConfigError that names the nearest choice unless ``name`` is among them."""
     if name not in valid:
         raise ConfigError(f"{what}: unknown {name!r}; {nearest(name, valid)}")
-    return valid[name]

@@ -15,14 +15,12 @@ import numpy as np
 
 from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap, load_map, shipped_maps
-from robot.typed_config import from_plain, read_yaml
+from robot.typed_config import load_yaml
 from sim_pybullet.randomise import is_reality, load_look_sampler, looks_of
 from sim_pybullet.scenery.objects import Place
 
-FILE = Path(__file__).parent / "division.yaml"
-PARTS = ("training", "choosing", "judging")
 _SIDES = "SENW"  # in this order each is a quarter turn counter-clockwise from the one before
-_MIRRORED = str.maketrans("EW", "WE")
+_MIRRORED = "SWNE"
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Division:
 @lru_cache(maxsize=1)
 def division() -> Division:
     """The shipped file."""
-    return from_plain(Division, read_yaml(FILE), str(FILE))
+    return load_yaml(Division, Path(__file__).with_name("division.yaml"))
 
 
 def fingerprint(road_map: RoadMap) -> str:
@@ -57,19 +55,18 @@ def fingerprint(road_map: RoadMap) -> str:
     Where roads leave each tile counts; the size of the tiles, objects, kinds of floor, empty rows
     and columns around the roads, quarter turns and mirror images do not.
     """
-    grid = np.array(
-        [["".join(sorted(t.road_sides)) for t in row] for row in road_map.tiles], object
-    )
+    grid = np.array([["".join(t.road_sides) for t in row] for row in road_map.tiles], object)
     rows, columns = (np.flatnonzero((grid != "").any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return ""
     grid = grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    text = min(_written(np.rot90(one, k), k) for one in (grid, _mirrored(grid)) for k in range(4))
+    both = (grid, _SIDES), (grid[:, ::-1], _MIRRORED)
+    text = min(_written(np.rot90(one, k), sides, k) for one, sides in both for k in range(4))
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def part_of(road_map: RoadMap) -> str | None:
-    """To which of `PARTS` a map belongs, by its roads; None for one that is nobody's."""
+    """To which of `Parts` a map belongs, by its roads; None for one that is nobody's."""
     return _known().get(fingerprint(road_map), (None, ""))[0]
 
 
@@ -114,19 +111,15 @@ def _known() -> dict[str, tuple[str, str]]:
     """The part and the name of every map that belongs to one, by fingerprint."""
     maps = division().maps
     outside = {digits: ("judging", name) for name, digits in map(str.split, division().outside)}
-    shipped = ((part, name) for part in PARTS for name in getattr(maps, part))
+    shipped = ((part, name) for part, names in vars(maps).items() for name in names)
     return {fingerprint(load_map(name)): (part, name) for part, name in shipped} | outside
 
 
-def _written(grid: np.ndarray, quarter_turns: int) -> str:
-    turned = str.maketrans(_SIDES, _SIDES[quarter_turns:] + _SIDES[:quarter_turns])
+def _written(grid: np.ndarray, sides: str, quarter_turns: int) -> str:
+    turned = str.maketrans(sides, _SIDES[quarter_turns:] + _SIDES[:quarter_turns])
     return "/".join(
         ",".join("".join(sorted(tile.translate(turned))) for tile in row) for row in grid
     )
-
-
-def _mirrored(grid: np.ndarray) -> np.ndarray:
-    return np.array([[tile.translate(_MIRRORED) for tile in row[::-1]] for row in grid], object)
 
 
 def _some(names: Sequence[str]) -> str:

@@ -39,26 +39,40 @@ def make_env(
     return DuckpilotVecEnv(BatchWorld(task, looks, image, seed, pool_size, camera, translator))
 
 
-def parts_of(observation: Any) -> dict[str, np.ndarray]:
+def parts_of(observation: Any) -> dict[str, Any]:
     """What robots see, by name; of pictures alone ``image``."""
     return dict(observation) if isinstance(observation, dict) else {"image": observation}
+
+
+def image_changed(observation: Any, change: Callable[[np.ndarray], np.ndarray]) -> Any:
+    """What robots see, pictures or a dict with them as ``image``, the pictures changed."""
+    if isinstance(observation, dict):
+        return {**observation, "image": change(observation["image"])}
+    return change(observation)
+
+
+def spaces_of(space: spaces.Space) -> dict[str, Any]:
+    """Likewise of what they may see: boxes."""
+    return dict(space.spaces) if isinstance(space, spaces.Dict) else {"image": space}
 
 
 class SeenOtherwise(VecEnvWrapper):
     """Robots see what a function makes of what their environment shows.
 
-    Args:
-        env: the environment.
-        see: of what all robots see and None, or of what a robot saw last in an episode that has
-            ended, and its number.
-        space: of what comes of it, if it is another.
+    ``see`` is given what all robots see and None, or what a robot saw last in an episode that has
+    ended, and its number; ``space`` is of what comes of it, if it is another. ``reward_scale``
+    brings values near 1, where losses and gradients are made for.
     """
 
     def __init__(
-        self, env: VecEnv, see: Callable[[Any, int | None], Any], space: spaces.Space | None = None
+        self,
+        env: VecEnv,
+        see: Callable[[Any, int | None], Any],
+        space: spaces.Space | None = None,
+        reward_scale: float = 1.0,
     ) -> None:
         super().__init__(env, space)
-        self._see = see
+        self._see, self._scale = see, reward_scale
 
     def reset(self) -> VecEnvObs:
         """Seen otherwise."""
@@ -69,4 +83,4 @@ class SeenOtherwise(VecEnvWrapper):
         seen, rewards, done, infos = self.venv.step_wait()
         for i in np.flatnonzero(done).tolist():
             infos[i]["terminal_observation"] = self._see(infos[i]["terminal_observation"], i)
-        return self._see(seen, None), rewards, done, infos
+        return self._see(seen, None), rewards * self._scale, done, infos

@@ -31,7 +31,7 @@ OPSET = 17
 IR_VERSION = 9  # onnxruntime 1.19, the last for Python 3.8, loads up to opset 21 and IR 10
 TOLERANCE = 1e-4  # of a value
 GREY_TOLERANCE = 1  # of a translator's pixels, by which rounding may go the other way
-CHECKED_FRAMES = 1_000
+CHECKED_FRAMES, NOISY_FRAMES = 1_000, 64
 RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that recoveries are seen
 
 
@@ -45,52 +45,46 @@ class Exported:
 
 
 def export_run(
-    folder: RunFolder,
-    config: RunConfig,
-    env: VecEnv,
-    frames: int = CHECKED_FRAMES,
-    int8: bool = True,
+    folder: RunFolder, config: RunConfig, env: VecEnv, frames: int = CHECKED_FRAMES
 ) -> Exported:
-    """Write ``model.onnx`` (and ``model_int8.onnx`` and ``export.json``) of a run's kept policy.
+    """Write ``model.onnx``, ``model_int8.onnx`` and ``export.json`` of a run's kept policy.
 
     ConfigError if there is none yet, ContractError if torch and ONNX disagree on some frame.
     """
-    if not folder.best.exists():
-        raise ConfigError(f"{folder.path}: expected a policy that an evaluation kept, found none")
-    policy = build_policy(config)
-    load_policy(folder.best, policy)
-    network = GreedyNetwork(policy)
-    export_network(network, _contract(folder, config), folder.onnx)
-    rng = np.random.default_rng(config.seed)
-    if int8:
-        calibration = collect_observations(network, env, frames, rng)
-        quantise(folder.onnx, calibration, folder.onnx_int8)
+    network, rng = export_best(folder, config), np.random.default_rng(config.seed)
+    calibration = collect_observations(network, env, frames, rng)
+    quantise(folder.onnx, calibration, folder.onnx_int8)
     checked = collect_observations(network, env, frames, rng)  # of other episodes
     difference = check_equal(network, folder.onnx, checked)
-    if not int8:
-        return Exported(frames, difference, float("nan"))
     choices = [run_onnx(path, checked).argmax(1) for path in (folder.onnx, folder.onnx_int8)]
     exported = Exported(frames, difference, float((choices[0] == choices[1]).mean()))
     write_json(folder.exported, exported)
     return exported
 
 
+def export_best(folder: RunFolder, config: RunConfig) -> GreedyNetwork:
+    """Write ``model.onnx`` alone; errors as above, of frames of noise."""
+    if not folder.best.exists():
+        raise ConfigError(f"{folder.path}: expected a policy that an evaluation kept, found none")
+    return _export_weights(folder, config, folder.best, folder.onnx)
+
+
 def export_checkpoint(checkpoint: Path, out: Path) -> None:
-    """Write the policy of ``best.pt`` or ``checkpoint.pt`` in a run folder, unchecked, for study.
+    """Write the policy of ``best.pt`` or ``checkpoint.pt`` in a run folder, for study.
 
     ConfigError if it does not lie in a run folder, or holds no policy of that run.
     """
     folder = RunFolder(checkpoint.parent)
-    config = folder.load_config()
-    policy = build_policy(config)
-    load_policy(checkpoint, policy)
-    export_network(GreedyNetwork(policy), _contract(folder, config), out)
+    _export_weights(folder, folder.load_config(), checkpoint, out)
 
 
-def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
-    spec = find_task(config.task)
+def _export_weights(
+    folder: RunFolder, config: RunConfig, weights: Path, out: Path
+) -> GreedyNetwork:
+    policy, spec = build_policy(config), find_task(config.task)
+    load_policy(weights, policy)
     best = read_state(folder.checkpoint).best if folder.checkpoint.exists() else None
-    return PolicyContract(
+    contract = PolicyContract(
         task=config.task,
         algorithm=config.algorithm,
         image=config.image,
@@ -101,6 +95,10 @@ def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
         trained_steps=best.step if best else 0,
         score=best.success_rate if best else None,
     )
+    network = GreedyNetwork(policy)
+    export_network(network, contract, out)
+    check_equal(network, out, noise_seen(contract, NOISY_FRAMES))
+    return network
 
 
 def export_network(network: nn.Module, contract: PolicyContract, path: Path) -> None:
@@ -161,14 +159,9 @@ def export_translator(network: nn.Module, contract: TranslatorContract, path: Pa
 @torch.no_grad()
 def check_translator(network: nn.Module, exported: OnnxTranslator, pictures: np.ndarray) -> None:
     """ContractError unless torch and ONNX make the same of pictures, to a grey level."""
-    ours = network(torch.from_numpy(pictures)).numpy()
+    ours = network(torch.from_numpy(pictures)).numpy().astype(int)
     theirs = np.concatenate([exported(part) for part in (pictures[:1], pictures[1:])])
-    difference = int(np.abs(theirs.astype(int) - ours.astype(int)).max())
-    if difference > GREY_TOLERANCE:
-        raise ContractError(
-            f"{exported.path}: expected torch and ONNX to agree within {GREY_TOLERANCE} grey "
-            f"level, they differ by {difference}"
-        )
+    expect_alike(exported.path, ours, theirs, GREY_TOLERANCE)
 
 
 def collect_observations(
@@ -209,11 +202,16 @@ def check_equal(network: nn.Module, path: Path, observations: dict[str, np.ndarr
     with torch.no_grad():
         seen = [observations[name] for name in ("image", "path") if name in observations]
         ours = network(*map(torch.from_numpy, seen))
-    difference = float(np.abs(run_onnx(path, observations) - ours.numpy()).max())
-    if not difference <= TOLERANCE:
+    return expect_alike(path, ours.numpy(), run_onnx(path, observations), TOLERANCE)
+
+
+def expect_alike(path: Path, ours: np.ndarray, theirs: np.ndarray, tolerance: float) -> float:
+    """How far answers of torch and ONNX differ at most; ContractError if that is too much."""
+    difference = float(np.abs(ours - theirs).max())
+    if not difference <= tolerance:
         raise ContractError(
-            f"{path}: expected torch and ONNX to agree within {TOLERANCE}, they differ by "
-            f"{difference:.2e}"
+            f"{path}: expected torch and ONNX to agree within {tolerance:g}, they differ by "
+            f"{difference:.2g}"
         )
     return difference
 
@@ -227,6 +225,9 @@ def quantise(path: Path, calibration: dict[str, np.ndarray], out: Path) -> None:
     with atomically(out) as temporary:
         file = str(temporary)
         quant_pre_process(str(path), file, skip_optimization=True, skip_symbolic_shape=True)
+        nodes = onnx.load(file).graph.node
+        flat = {name for node in nodes if node.op_type == "Flatten" for name in node.output}
+        heavy = [n.name for n in nodes if n.op_type == "Conv" or flat.intersection(n.input)]
         quantize_static(
             file,
             file,
@@ -234,16 +235,11 @@ def quantise(path: Path, calibration: dict[str, np.ndarray], out: Path) -> None:
             per_channel=True,
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
-            nodes_to_quantize=_heavy_nodes(onnx.load(file)),
+            nodes_to_quantize=heavy,
         )
         model = onnx.load(file)
         model.ir_version = IR_VERSION
         onnx.save(model, file)
-
-
-def _heavy_nodes(model: onnx.ModelProto) -> list[str]:
-    flat = {name for node in model.graph.node if node.op_type == "Flatten" for name in node.output}
-    return [n.name for n in model.graph.node if n.op_type == "Conv" or flat.intersection(n.input)]
 
 
 class _Batches(CalibrationDataReader):

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from trainer.config import RunConfig
 
 MOST_EPISODES = 10_000_000
-ZEROS = {"image": None, "path": None}
 
 
 @dataclass(frozen=True)
@@ -53,15 +52,14 @@ class TrainOptions:
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.tasks.spec import find_task
         from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
-        from trainer.presets import preset, styled
+        from trainer.presets import preset
 
-        config = preset(self.task, self.algo, self.preset)
+        config = preset(self.task, self.algo, self.preset, self.style)
         maps, judged_on = maps_named(self.map) or config.maps, maps_named(self.judge_map)
         load_look_sampler(self.look, self.pose_error, self.without)
-        for names, look, use in (
-            (maps, self.look, "train"),
-            (judged_on, self.judge_look or self.look, "choose"),
-        ):
+        to_train = maps, self.look, "train"
+        to_choose = judged_on, self.judge_look or self.look, "choose"
+        for names, look, use in (to_train, to_choose):
             refuse_judging_look(look, use)
             refuse_judging_maps([find_task(self.task).load(name) for name in names], use)
         judging = replace(config.evaluation, maps=judged_on, look=self.judge_look)
@@ -75,7 +73,7 @@ class TrainOptions:
         given = [name for name in else_the_presets if getattr(self, name) is not None]
         changes = {name: getattr(self, name) for name in (*same, *given)}
         image = _seen_through(self.translate, config.image)
-        config = replace(styled(config, self.style), maps=maps, image=image, **changes)
+        config = replace(config, maps=maps, image=image, **changes)
         if self.backbone:
             from robot.vision.sight import OnnxSight
 
@@ -123,7 +121,7 @@ class EvaluateOptions:
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.sensing.guidance_feed import OVERHEAD
         from sim_pybullet.tasks.spec import find_task
-        from trainer.config import LARGEST_SEED, choose
+        from trainer.config import LARGEST_SEED, expect_one_of
         from trainer.division import maps_named
 
         if not self.model:
@@ -131,16 +129,37 @@ class EvaluateOptions:
         expect_between("episodes", self.episodes, 1, MOST_EPISODES)
         expect_between("seed", self.seed, 0, LARGEST_SEED - MOST_EPISODES)
         if self.zero is not None:
-            choose("zero", self.zero, ZEROS)
-        choose("overhead", self.overhead, OVERHEAD)
+            expect_one_of("zero", self.zero, ("image", "path"))
+        expect_one_of("overhead", self.overhead, OVERHEAD)
         load_look_sampler(self.look, self.pose_error, self.without)
         if not (self.task or Path(self.model).exists()):
             return  # yet
         spec = find_task(self.task or task_of(Path(self.model)))
         if self.lane is not None and spec.lanes:
-            choose("lane", self.lane, dict.fromkeys(spec.lanes))
+            expect_one_of("lane", self.lane, spec.lanes)
         for name in maps_named(self.map):
             spec.load(name)
+
+
+@dataclass(frozen=True)
+class WorkerOptions:
+    """Who does many jobs."""
+
+    workers: int | None = None  # Processes of a training, or jobs at once; else one for each core.
+    ray: str | None = None  # On a Ray cluster: its address, or auto. Its nodes share this folder.
+
+
+@dataclass(frozen=True)
+class SweepOptions(WorkerOptions):
+    """Several runs in the place of one."""
+
+    seeds: int | None = None  # So many, with those from --seed on; what is finished is skipped.
+    matrix: Path | None = None  # YAML of options, each with a list of values: all combinations.
+
+    @property
+    def wanted(self) -> bool:
+        """Whether any were asked for."""
+        return self.seeds is not None or self.matrix is not None
 
 
 def task_of(model: Path) -> str:
@@ -158,9 +177,3 @@ def _seen_through(translate: str | None, image: ImageSpec) -> ImageSpec:
         return image
     translator = OnnxTranslator(translate)
     return translator.image if translator.contract.direction == PARSING else image
-
-
-def extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:
-    """With other limits, where any are given."""
-    limits: dict[str, Any] = {"steps": steps, "seconds": seconds}
-    return replace(config, **{name: value for name, value in limits.items() if value is not None})

@@ -13,13 +13,12 @@ import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.preprocessing import preprocess_obs
 from stable_baselines3.common.save_util import load_from_zip_file
 from torch import nn
 
@@ -29,10 +28,10 @@ from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.output import atomically
 from robot.typed_config import load_yaml
-from trainer.export import check_equal, export_network, noise_seen
+from trainer.envs import spaces_of
+from trainer.export import NOISY_FRAMES, check_equal, export_network, noise_seen
 from trainer.torch_file import reading
 
-FRAMES_COMPARED = 64
 # For continuous policies: every pair of these, a stop among them.
 _SPEEDS_MPS = tuple(MAX_WHEEL_MPS * share / 3.0 for share in range(4))
 WHEEL_GRID = tuple(itertools.product(_SPEEDS_MPS, _SPEEDS_MPS))
@@ -42,15 +41,10 @@ EXAMPLE = "task: lane, algorithm: mine, image: {width_px: 160, height_px: 120, c
 def export_outside(source: str, contract: Path | None, out: Path | None) -> tuple[Path, float]:
     """Write a policy from elsewhere as ONNX; the file, and how far its values are from torch's.
 
-    Args:
-        source: a stable-baselines3 zip, a TorchScript file, or MODULE:ATTRIBUTE, which is a torch
-            module or makes one.
-        contract: YAML of a `robot.contract.PolicyContract`; a zip needs none.
-        out: the file, by default beside ``source``.
-
-    Raises:
-        ConfigError: there is no such policy, or no contract.
-        ContractError: the network does not do what the contract says.
+    ``source``: a stable-baselines3 zip, a TorchScript file, or MODULE:ATTRIBUTE, which is a torch
+    module or makes one. ``contract``: YAML of a `robot.contract.PolicyContract`; a zip needs none.
+    ConfigError: there is no such policy, or no contract. ContractError: the network does not do
+    what the contract says.
     """
     path = Path(source)
     if out is None and not path.exists():
@@ -67,7 +61,7 @@ def export_outside(source: str, contract: Path | None, out: Path | None) -> tupl
     else:
         network = _from_torch(source)
     network.eval()
-    seen = noise_seen(agreed, FRAMES_COMPARED)
+    seen = noise_seen(agreed, NOISY_FRAMES)
     _expect_values(network, seen, agreed, source)
     with atomically(out) as file:
         try:
@@ -104,11 +98,8 @@ def _from_torch(source: str) -> nn.Module:
 def _from_stable_baselines3(
     path: Path, agreed: PolicyContract | None
 ) -> tuple[nn.Module, PolicyContract]:
-    what = "a policy that stable-baselines3 saved"
-    with reading(path, what):
-        data, weights, _ = load_from_zip_file(path, device="cpu")
-        if data is None or "policy_class" not in data:
-            raise KeyError("policy_class")
+    with reading(path, "a policy that stable-baselines3 saved"):
+        data, weights, _ = cast(Any, load_from_zip_file(path, device="cpu"))
         kwargs = {k: v for k, v in data.get("policy_kwargs", {}).items() if k != "device"}
         make, seen, done = data["policy_class"], data["observation_space"], data["action_space"]
         if issubclass(make, ActorCriticPolicy):
@@ -121,7 +112,7 @@ def _from_stable_baselines3(
 
 def _contract_of(path: Path, seen: spaces.Space, done: spaces.Space) -> PolicyContract:
     """What the spaces of a policy say, as the project's environments make them."""
-    parts = dict(seen.spaces) if isinstance(seen, spaces.Dict) else {"image": seen}
+    parts = spaces_of(seen)
     image, guide = parts.pop("image", None), parts.pop("path", None)
     if parts or not isinstance(image, spaces.Box) or len(image.shape) != 3:
         raise ContractError(
@@ -159,8 +150,7 @@ class _ChoosingNetwork(nn.Module):
         super().__init__()
         self.policy = policy
         seen, done = policy.observation_space, policy.action_space
-        image = seen["image"] if isinstance(seen, spaces.Dict) else seen
-        self.transposed = image.shape != contract.picture_shape
+        self.transposed = spaces_of(seen)["image"].shape != contract.picture_shape
         self.alone = not isinstance(seen, spaces.Dict)
         self.table: torch.Tensor | None = None
         if isinstance(done, spaces.Box):
@@ -175,32 +165,20 @@ class _ChoosingNetwork(nn.Module):
         """(N, actions): what a Q network or an actor says, or how near an action is."""
         picture = image.permute(0, 3, 1, 2) if self.transposed else image
         seen: Any = picture if self.alone else {"image": picture, "path": path}
-        said = self._says(seen)
-        if self.table is None:
-            return said
-        wheels = MAX_WHEEL_MPS * said.clamp(-1.0, 1.0)
-        return -(wheels[:, None] - self.table[None]).square().sum(dim=2)
-
-    def _says(self, seen: Any) -> torch.Tensor:
         policy = self.policy
-        if isinstance(policy, ActorCriticPolicy):
-            ready = preprocess_obs(seen, policy.observation_space, policy.normalize_images)
-            latent = policy.mlp_extractor.forward_actor(policy.pi_features_extractor(ready))
-            said = policy.action_net(latent)
-            return said.tanh() if policy.squash_output else said
+        if self.table is not None:
+            wheels = MAX_WHEEL_MPS * policy._predict(seen, deterministic=True).clamp(-1.0, 1.0)
+            return -(wheels[:, None] - self.table[None]).square().sum(dim=2)
         if hasattr(policy, "q_net"):
             return policy.q_net(seen)
-        actor = policy.actor
-        if hasattr(actor, "get_action_dist_params"):
-            return actor.get_action_dist_params(seen)[0].tanh()
-        return actor(seen)
+        return policy.get_distribution(seen).distribution.logits
 
 
 def _expect_values(
     network: nn.Module, seen: dict[str, np.ndarray], contract: PolicyContract, source: str
 ) -> None:
     asked = (f"{n} (N, {str(p.shape[1:])[1:-1].rstrip(',')}) {p.dtype}" for n, p in seen.items())
-    values = f"values (N, {len(contract.actions)}), N = {FRAMES_COMPARED}"
+    values = f"values (N, {len(contract.actions)}), N = {NOISY_FRAMES}"
     expected = f"expected a network that takes {' and '.join(asked)} and gives {values}"
     try:
         with torch.no_grad():
@@ -209,5 +187,5 @@ def _expect_values(
         told = one_line(str(error))[-200:]
         raise ContractError(f"{source}: {expected}, it ends with: {told}") from error
     got = tuple(given.shape) if isinstance(given, torch.Tensor) else type(given).__name__
-    if got != (FRAMES_COMPARED, len(contract.actions)):
+    if got != (NOISY_FRAMES, len(contract.actions)):
         raise ContractError(f"{source}: {expected}, got {got}")

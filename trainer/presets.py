@@ -13,7 +13,7 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError, nearest
 from sim_pybullet.tasks.spec import find_task
 from trainer.algorithms import find_algorithm
-from trainer.config import WHOLE_FRAME, EvaluationConfig, NetConfig, RunConfig, choose
+from trainer.config import WHOLE_FRAME, EvaluationConfig, NetConfig, RunConfig, expect_one_of
 
 Settings = TypeVar("Settings")
 Changes = Mapping[str, Any]
@@ -23,20 +23,15 @@ _FAST_IMAGE = ImageSpec(80, 60, crop_top_px=20)
 _DEBUG_NET = NetConfig((4, 4, 4), image_fc=16, path_fc=(8, 8), head_fc=16)
 
 
-def preset(task: str, algorithm: str, name: str) -> RunConfig:
-    """The named starting point of a run; ConfigError with the nearest name if there is none."""
+def preset(task: str, algorithm: str, name: str, style: str = "race") -> RunConfig:
+    """The named starting point of a run in a style; ConfigError with the nearest if none is so."""
     spec, learn = find_task(task, to_learn=True), find_algorithm(algorithm).learn
-    own = choose("preset", name, PRESETS)
+    expect_one_of("preset", name, PRESETS)
     run = RunConfig(task, algorithm, "fast", learn, (spec.map,), image=_FAST_IMAGE)
     run = _by_both(run, "fast", task)
     if name != "fast":
-        run = _by_both(changed(run, own(run)), name, name)
-    return replace(run, preset=name)
-
-
-def styled(config: RunConfig, style: str) -> RunConfig:
-    """The run in a style of driving; ConfigError if its task has no such style."""
-    return _by_both(replace(config, style=style), style, style)
+        run = _by_both(changed(run, PRESETS[name](run)), name, name)
+    return _by_both(replace(run, preset=name, style=style), style, style)
 
 
 def changed(settings: Settings, changes: Changes) -> Settings:

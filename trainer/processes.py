@@ -13,6 +13,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from threading import Thread
@@ -36,10 +37,7 @@ class Ended(NamedTuple):
 
 
 class LocalProcesses:
-    """Of this machine; a server that has imported everything forks them.
-
-    That is quick, and no threads are copied.
-    """
+    """Of this machine: a server that has imported everything forks them, fast, with no threads."""
 
     host = "127.0.0.1"
 
@@ -92,12 +90,9 @@ class LocalProcesses:
 
 
 class RayProcesses:
-    """Of a Ray cluster, see `LocalProcesses`.
+    """Of a Ray cluster, see `LocalProcesses`; one that died begins again elsewhere, so many times.
 
-    ConfigError if Ray is not installed, or no cluster answers at this address.
-
-    Args:
-        retries: how often one begins again elsewhere whose process or node has died.
+    ConfigError if no cluster answers at this address.
     """
 
     def __init__(self, address: str, retries: int = 0) -> None:
@@ -136,6 +131,11 @@ class RayProcesses:
 Processes = LocalProcesses | RayProcesses
 
 
+def processes_of(ray: str | None, retries: int = 0) -> Processes:
+    """Of this machine, or of the Ray cluster at an address."""
+    return LocalProcesses() if ray is None else RayProcesses(ray, retries)
+
+
 def at_once(
     processes: Processes, most: int, do: Callable[..., object], orders: Iterable[tuple[Any, ...]]
 ) -> Iterator[tuple[tuple[Any, ...], Ended]]:
@@ -153,20 +153,15 @@ def at_once(
 
 
 def connect(address: str) -> Any:
-    """The module ray, connected; ConfigError if it is not installed, or no cluster answers."""
-    try:
-        import ray
-    except ImportError as error:
-        raise ConfigError(
-            "ray: expected the package ray, found none; install duckpilot[scale]"
-        ) from error
+    """The module ray, connected; ConfigError if no cluster answers."""
+    import ray
+
     told = f"no answer in {ANSWER_S:.0f} s"
-    try:  # in a process that can be ended: Ray itself waits for a quarter of an hour
+    # In a process that can be ended: Ray itself waits for a quarter of an hour.
+    with suppress(subprocess.TimeoutExpired):
         command = [sys.executable, "-c", _TRY, address]
         tried = subprocess.run(command, capture_output=True, timeout=ANSWER_S, check=False)
         told = one_line(tried.stderr.decode(errors="replace"))[-200:] if tried.returncode else ""
-    except subprocess.TimeoutExpired:
-        pass
     if told:
         raise ConfigError(
             f"ray {address!r}: expected the address of a running cluster (ray start --head), "

@@ -6,6 +6,7 @@ What happens in step k depends on the seed and k alone: a resumed run is the sam
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,11 @@ import numpy as np
 import torch
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn
+from torch.nn.utils import clip_grad_norm_
 
-from trainer.torch_file import load_torch, reading, save_torch
+from trainer.torch_file import loaded, save_torch
 
 SAVE_EVERY_S = 20.0
-_CHECKPOINT = "the checkpoint of this run"
 _REMEDY = "; put a copy of it back, or delete it and begin again"
 
 
@@ -34,8 +35,7 @@ class Loop:
         """Load the file, if there is one; how many steps were done when it was written."""
         if not self.path.exists():
             return 0
-        content = load_torch(self.path, _CHECKPOINT, remedy=_REMEDY)
-        with reading(self.path, _CHECKPOINT, _REMEDY):
+        with loaded(self.path, "the checkpoint of this run", remedy=_REMEDY) as content:
             for name, part in self.parts.items():
                 part.load_state_dict(content["parts"][name])
             return int(content["step"])
@@ -84,21 +84,23 @@ def fit(
     parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
 
     def step(rng: np.random.Generator, _: int) -> str:
-        loss = loss_of(rng)
-        descend(optimiser, loss)
+        loss = descend(optimiser, loss_of(rng))
         schedule.step()
-        return f"loss {float(loss.detach()):.3f}"
+        return f"loss {loss:.3f}"
 
     network.train()
     Loop(path, parts, steps, seed).run(step, name, console)
     network.eval()
 
 
-def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
-    """One step of an optimiser down this loss."""
+def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor, most: float = inf) -> float:
+    """One step of an optimiser down this loss, by a gradient of at most this norm; the loss."""
     optimiser.zero_grad()
     loss.backward()
+    if most < inf:
+        clip_grad_norm_((p for group in optimiser.param_groups for p in group["params"]), most)
     optimiser.step()
+    return loss.item()
 
 
 def set_rate(optimisers: Iterable[torch.optim.Optimizer], rate: float) -> None:

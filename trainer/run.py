@@ -17,8 +17,6 @@ from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
 
 CONFIG = "config.yaml"  # of every kind of run: what it was begun with
-
-
 Config = TypeVar("Config")
 
 
@@ -158,21 +156,12 @@ class EpisodeLog:
             writer.writerow(Episode._fields)
             writer.writerows(_row(episode) for episode in kept)
         self.count = len(kept)
-        self._file = folder.progress.open("a", newline="", encoding="utf-8")
-        self._writer = csv.writer(self._file)
+        self.file = folder.progress.open("a", newline="", encoding="utf-8")
 
     def add(self, episode: Episode) -> None:
-        """One line; on disk after the next `flush`."""
-        self._writer.writerow(_row(episode))
+        """One line; on disk once the file is flushed or closed."""
+        csv.writer(self.file).writerow(_row(episode))
         self.count += 1
-
-    def flush(self) -> None:
-        """Hand the lines to the operating system."""
-        self._file.flush()
-
-    def close(self) -> None:
-        """Flush and let go of the file."""
-        self._file.close()
 
 
 def _row(e: Episode) -> tuple[object, ...]:

@@ -15,8 +15,7 @@ from robot.output import atomically
 _DAMAGED = (
     RuntimeError,  # torch's for a truncated archive, and for weights of another shape
     EOFError,
-    KeyError,
-    IndexError,
+    LookupError,
     TypeError,
     AttributeError,
     UnicodeDecodeError,
@@ -41,10 +40,11 @@ def reading(path: Path, what: str, remedy: str = "") -> Iterator[None]:
         ) from error
 
 
-def load_torch(path: Path, what: str, device: Any = "cpu", remedy: str = "") -> Any:
-    """What `torch.save` wrote, plain data and tensors only; ConfigError as of `reading`."""
+@contextmanager
+def loaded(path: Path, what: str, device: Any = "cpu", remedy: str = "") -> Iterator[Any]:
+    """What `save_torch` wrote; ConfigError as of `reading`."""
     with reading(path, what, remedy):
-        return torch.load(path, map_location=device, weights_only=True)
+        yield torch.load(path, map_location=device, weights_only=True)
 
 
 def save_torch(path: Path, content: Any) -> None:

@@ -18,10 +18,6 @@ class Chore:
     does: str = "write"
 
     @property
-    def title(self) -> str:
-        return self.out.name
-
-    @property
     def log(self) -> Path:
         return self.out.with_suffix(".log")
 
@@ -31,8 +27,8 @@ class Chore:
         return self.out.exists()
 
     def run(self, console: Console) -> int:
-        console.print(f"{self.title} begins")
-        os.system(f"echo {self.title} speaks past Python")
+        console.print(f"{self.out.name} begins")
+        os.system(f"echo {self.out.name} speaks past Python")
         if self.does == "refuse":
             raise ConfigError("expected this, got that")
         if self.does == "crash":
@@ -42,7 +38,7 @@ class Chore:
         if self.does == "fail":
             return 1
         self.out.write_text(f"{self.does} {os.environ['OMP_NUM_THREADS']}")
-        console.print(f"{self.title} is done")
+        console.print(f"{self.out.name} is done")
         return 0
 
 
@@ -52,10 +48,6 @@ class ToyTraining:
 
     out: Path
     steps: int
-
-    @property
-    def title(self) -> str:
-        return self.out.name
 
     @property
     def log(self) -> Path:

@@ -18,6 +18,8 @@ from robot.output import expect_writable, write_json
 from robot.typed_config import to_plain
 from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks.traffic import Traffic
+from sim_pybullet.traffic.scenario import load_scenario
 from trainer.division import division, maps_named
 from trainer.sight.augment import spoiled
 from trainer.sight.cli import SHIPPED
@@ -35,7 +37,6 @@ from trainer.sight.pictures import (
     anywhere,
     drive,
     missions,
-    traffic,
 )
 
 SURE = 0.5  # a probability above it is a yes
@@ -229,7 +230,9 @@ def judge_all(options: argparse.Namespace) -> None:
     for name in options.look:
         looks = load_look_sampler(name)
         driven = drive(missions(maps), looks, options.seed, options.decisions)
-        met = drive(traffic(maps), looks, options.seed, options.decisions)
+        met = drive(
+            Traffic(maps, ROBOTS, load_scenario("mixed")), looks, options.seed, options.decisions
+        )
         elsewhere = anywhere(maps, looks, options.seed)
         found.append(judge(sight, name, driven, elsewhere, met))
     if options.json is not None:

@@ -104,6 +104,7 @@ def test_a_run_is_exported_and_checked_on_its_own_frames(tmp_path: Path) -> None
     config = toy_config("dueling", 1_000)
     train_toy(config, tmp_path)
     folder = RunFolder(tmp_path)
+    assert not folder.replay.exists()
     exported = export_run(folder, config, make_toy(config, 16, 5))
     assert exported.frames == 1_000
     assert exported.largest_difference <= 1e-4

@@ -38,7 +38,7 @@ def test_episodes_come_back_and_later_ones_are_dropped_on_resuming(tmp_path: Pat
     log = EpisodeLog(folder)
     for step in (16, 32, 48):
         log.add(episode(step))
-    log.close()
+    log.file.close()
     assert folder.episodes() == [episode(16), episode(32), episode(48)]
     assert EpisodeLog(folder, resumed_at=32).count == 2
     assert folder.episodes() == [episode(16), episode(32)]
@@ -48,7 +48,7 @@ def test_a_line_cut_short_by_a_kill_is_ignored(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     log = EpisodeLog(folder)
     log.add(episode(16))
-    log.close()
+    log.file.close()
     with folder.progress.open("a") as file:
         file.write("32,0.3")
     assert folder.episodes() == [episode(16)]

@@ -19,11 +19,10 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.navigation import RandomRoutes
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
-from trainer.twin.examples import Examples, examples_of, foretold, told
+from trainer.twin.examples import AHEAD_M, Examples, examples_of, foretold, ways_driven
 from trainer.twin.proof import where_failed
 from trainer.twin.recorded import Recorded
 from trainer.twin.teach import TeachConfig, base_file, load_base, teach
-from trainer.twin.ways import AHEAD_M, ways_driven
 
 LANE = PolicyContract("lane", "coached")
 LEFT = (0.06, 0.30)
@@ -62,7 +61,8 @@ def test_the_way_that_a_person_drove_is_what_a_navigator_would_have_been_told() 
     path = RandomRoutes(road_map).draw(np.random.default_rng(0))
     count = int(path.length_m / 0.02)
     told = [(0.1 * k, *path.pose_at(0.02 * k)) for k in range(count)]
-    one = replace(drive(["MANUAL"] * count, [LEFT] * count), map_name="arena", fused=np.array(told))
+    driven = drive(["MANUAL"] * count, [LEFT] * count)
+    one = driven._replace(map_name="arena", fused=np.array(told))
     ways = ways_driven(one)
     far = round(AHEAD_M / 0.02) + 1
     assert all(way is not None for way in ways[: count - far])
@@ -113,7 +113,8 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     model = tmp_path / "model.onnx"
     taught = replace(contract, taught_from="lane_coached")
     export_network(network, taught, model)
-    assert told(OnnxPolicy(model), person) == (40, 40)  # what the person did, again and again
+    actions = OnnxPolicy(model).act(person.images)
+    assert foretold(actions, person, contract) == (40, 40)  # what the person did, again and again
     proof = Proof(1, 0, 0.0, 0.8, 40, 40, "a sentence")
     export_network(network, replace(taught, proof=proof), model)
     assert OnnxPolicy(model).contract.proof == proof

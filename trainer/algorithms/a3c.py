@@ -23,13 +23,12 @@ import numpy as np
 import torch
 from rich.console import Console
 from stable_baselines3 import A2C
-from stable_baselines3.common.logger import Logger
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from trainer.algorithms import Algorithm, EnvMaker, Making
 from trainer.config import RunConfig
 from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, on_policy
-from trainer.learners.episode_count import EpisodeCount, EpisodeEnd, Tell
+from trainer.learners.episode_count import EpisodeEnd, learn_and_tell
 from trainer.learners.networks import DrivingActorCritic
 from trainer.learners.policies import learning_rates, policy_arguments
 from trainer.learners.world import learning_world
@@ -40,7 +39,7 @@ from trainer.training.crew import PeerLostError
 
 @dataclass(frozen=True)
 class A3cConfig(ActorCriticConfig):
-    """Asynchronous advantage actor-critic (Mnih et al. 2016)."""
+    """See the module."""
 
     robots: int = 1  # of each worker
     learning_rate: float = 7e-4
@@ -96,11 +95,8 @@ class A3C(FallingEntropy, A2C):
     """A worker; the first sends out the others when it begins to learn."""
 
     making: Making
+    optimiser: SharedRmsprop  # the policy's
     number = 0
-
-    def _setup_model(self) -> None:
-        super()._setup_model()
-        self.optimiser = cast(SharedRmsprop, self.policy.optimizer)
 
     def learn(self, total_timesteps: int, *arguments: Any, **options: Any) -> A3C:
         """So many decisions of all workers together, or until the callback says stop."""
@@ -132,14 +128,6 @@ class A3C(FallingEntropy, A2C):
         return self.others.news()
 
 
-class _Orders(NamedTuple):
-    config: RunConfig
-    make_env: EnvMaker
-    shared: Shared
-    number: int  # of the worker
-    begun: int  # decisions before the workers began
-
-
 class _Others:
     """The worker processes beside the first."""
 
@@ -151,8 +139,8 @@ class _Others:
         for k in range(1, count):
             ours, theirs = multiprocessing.Pipe(duplex=False)
             own = replace(config, seed=int(seeds[k]))
-            orders = _Orders(own, making.make_env, shared, k, begun)
-            self._workers.append((self._processes.start(_work, orders, theirs), ours))
+            orders = (k, begun, own, making.make_env, shared, theirs)
+            self._workers.append((self._processes.start(_work, *orders), ours))
             theirs.close()
         self._cpu_s = [0.0] * len(self._workers)
 
@@ -182,10 +170,11 @@ class _Others:
         self._processes.close()
 
 
-def _work(orders: _Orders, pipe: Connection) -> None:
-    """The main function of a worker's process: learns until it is killed."""
+def _work(
+    number: int, begun: int, config: RunConfig, make_env: EnvMaker, shared: Shared, pipe: Connection
+) -> None:
+    """Learn in a worker's process until it is killed; ``begun`` by so many decisions before."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the trainer's affair
-    config, make_env, shared, number, begun = orders
     torch.set_num_threads(config.threads)
 
     def tell(ended: list[EpisodeEnd]) -> None:
@@ -195,12 +184,8 @@ def _work(orders: _Orders, pipe: Connection) -> None:
     env = learning_world(config, make_env)
     model = build(Making(config, env, RunFolder(Path()), make_env, Console(quiet=True)))
     model.number, model.begun, model.optimiser.shared = number, begun, shared
-    model.set_logger(Logger(None, []))
     model.num_timesteps = begun + int(shared.steps.sum())
-    robots = config.learn.robots
-    heard = Tell(EpisodeCount(robots, config.reward_scale, number * robots), tell)
-    steps = max(0, config.steps - model.num_timesteps)
-    model.learn(steps, heard, log_interval=None, reset_num_timesteps=False)
+    learn_and_tell(model, config, number, tell)
     env.close()
 
 
@@ -225,7 +210,7 @@ def build(making: Making) -> A3C:
         normalize_advantage=learn.normalised,
         use_rms_prop=False,
     )
-    model.making = making
+    model.making, model.optimiser = making, cast(SharedRmsprop, model.policy.optimizer)
     return model
 
 
@@ -236,15 +221,7 @@ ALGORITHM = Algorithm(
     build=build,
     presets={
         "navigation": {"steps": 60_000},
-        "track": {
-            "learn": {
-                "robots": 4,
-                "learning_rate": 7e-4,
-                "warm_up": 30_000,
-                "entropy": 0.2,
-                "normalised": True,
-            }
-        },
+        "track": {"learn": {"robots": 4, "warm_up": 30_000, "entropy": 0.2, "normalised": True}},
         "cruise": {**CRUISE, "relit": False},
         "paper": {  # B, section 3.1
             "learn": {

@@ -1,14 +1,14 @@
 """DAgger whose expert is taught first, by reinforcement that is told the true path."""
 
-from trainer.algorithms import Algorithm
-from trainer.algorithms.dagger import DIVIDED, PRESETS, DaggerConfig, build
-from trainer.learners.networks import ImitatingPolicy
+from dataclasses import replace
 
-ALGORITHM = Algorithm(
-    "DAgger after a PPO coach",
-    DaggerConfig(coach_steps=200_000),
-    ImitatingPolicy,
-    build,
-    {**PRESETS, "debug": {"learn": {**PRESETS["debug"]["learn"], "coach_steps": 4_096}}},
-    divided=DIVIDED,
+from trainer.algorithms.dagger import ALGORITHM as DAGGER
+from trainer.algorithms.dagger import PRESETS, DaggerConfig
+
+_SHORT = {"learn": {**PRESETS["debug"]["learn"], "coach_steps": 4_096}}
+ALGORITHM = replace(
+    DAGGER,
+    title="DAgger after a PPO coach",
+    learn=DaggerConfig(coach_steps=200_000),
+    presets={**PRESETS, "debug": _SHORT},
 )

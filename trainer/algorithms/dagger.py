@@ -13,11 +13,11 @@ from stable_baselines3.common.noise import ActionNoise
 from torch.nn.functional import cross_entropy
 from typing_extensions import override
 
-from trainer.algorithms import Algorithm, LearnConfig, Making
-from trainer.algorithms.ddqn import DoubleDQN
+from trainer.algorithms import Algorithm, LearnConfig, Making, ddqn
 from trainer.learners.coach import Coach, find_coach
 from trainer.learners.networks import ImitatingPolicy
 from trainer.learners.replay import off_policy
+from trainer.resumable import descend
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,13 @@ class DaggerConfig(LearnConfig):
     coach_steps: int = 0  # by which the expert is learned, see `trainer.learners.coach`; 0: a rule
 
 
-class Dagger(DoubleDQN):
+class Dagger(ddqn.DoubleDQN):
     """``q_net`` gives the learner's logits; the target network lies idle."""
 
     coach: Coach | None = None  # whom it imitates; without, the vehicle's own expert
     expert_steps = 1
     random_share = 0.0
+    rng: np.random.Generator
 
     @override
     def _sample_action(
@@ -54,39 +55,35 @@ class Dagger(DoubleDQN):
         expert = expert.astype(np.int64)
         learner, _ = self.policy.predict(self._last_obs, deterministic=True)
         share = max(0.0, 1.0 - self.num_timesteps / self.expert_steps)
-        taken = np.where(self._rng.random(n_envs) < share, expert, learner)
-        choices = self._rng.integers(int(self.q_net.action_space.n), size=n_envs)
-        taken = np.where(self._rng.random(n_envs) < self.random_share, choices, taken)
+        taken = np.where(self.rng.random(n_envs) < share, expert, learner)
+        choices = self.rng.integers(int(self.q_net.action_space.n), size=n_envs)
+        taken = np.where(self.rng.random(n_envs) < self.random_share, choices, taken)
         return taken, expert
-
-    def _setup_model(self) -> None:
-        super()._setup_model()
-        self._rng = np.random.default_rng(self.seed)
 
     def _update(self, batch_size: int) -> float:
         assert self.replay_buffer is not None
         batch: Any = self.replay_buffer.sample(batch_size)
         logits = cast(ImitatingPolicy, self.policy).logits(batch.observations)
-        return self._descend(cross_entropy(logits, batch.actions.flatten().long()))
+        loss = cross_entropy(logits, batch.actions.flatten().long())
+        return descend(self.policy.optimizer, loss, self.max_grad_norm)
 
 
 def build(making: Making) -> Dagger:
     """A model ready to learn; its coach is taught before, if it has one."""
     learn = cast(DaggerConfig, making.config.learn)
-    arguments = off_policy(making, n_steps=1, gamma=0.0)
-    model = Dagger(**arguments, train_freq=learn.dagger_every)
+    model = Dagger(**off_policy(making, n_steps=1, gamma=0.0), train_freq=learn.dagger_every)
     model.expert_steps, model.random_share = learn.expert_steps, learn.random_share
+    model.rng = np.random.default_rng(making.config.seed)
     if learn.coach_steps:
         path, steps = making.folder.coach, learn.coach_steps
         model.coach = find_coach(path, making.config, steps, making.console)
     return model
 
 
-_SMALL = {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}
 PRESETS: dict[str, dict[str, Any]] = {
     "track": {"steps": 16_000},
     "cruise": {"learn": {"learning_rate": 1e-3, "gradient_steps": 4, "random_share": 0.3}},
-    "debug": {"learn": _SMALL},
+    "debug": ddqn.PRESETS["debug"],
 }
-DIVIDED = ("robots", "batch", "buffer", "warm_up", "expert_steps")
-ALGORITHM = Algorithm("DAgger", DaggerConfig(), ImitatingPolicy, build, PRESETS, divided=DIVIDED)
+_DIVIDED = ("robots", "batch", "buffer", "warm_up", "expert_steps")
+ALGORITHM = Algorithm("DAgger", DaggerConfig(), ImitatingPolicy, build, PRESETS, divided=_DIVIDED)

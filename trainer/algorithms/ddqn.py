@@ -19,6 +19,7 @@ from trainer.algorithms import Algorithm, LearnConfig, Making
 from trainer.learners.networks import QPolicy
 from trainer.learners.policies import ChannelLast
 from trainer.learners.replay import MappedReplayBuffer, off_policy
+from trainer.resumable import descend
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,8 @@ class DoubleDQN(ChannelLast, DQN):
         policy = cast(QPolicy, self.policy)
         values, path_loss = policy.values_and_path_loss(batch.observations)
         chosen = values.gather(1, batch.actions.long())
-        return self._descend(smooth_l1_loss(chosen, target) + path_loss)
-
-    def _descend(self, loss: torch.Tensor) -> float:
-        self.policy.optimizer.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.q_net.parameters(), self.max_grad_norm)
-        self.policy.optimizer.step()
-        return loss.item()
+        loss = smooth_l1_loss(chosen, target) + path_loss
+        return descend(self.policy.optimizer, loss, self.max_grad_norm)
 
 
 def build(making: Making) -> DoubleDQN:
@@ -97,5 +92,5 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "debug": {"learn": {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}},
 }
-DIVIDED = ("robots", "batch", "buffer", "warm_up", "epsilon_steps")
-ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS, divided=DIVIDED)
+_DIVIDED = ("robots", "batch", "buffer", "warm_up", "epsilon_steps")
+ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS, divided=_DIVIDED)

@@ -1,7 +1,8 @@
 """Dueling DQN (Wang et al. 2016): Double DQN whose network adds a value and advantages."""
 
-from trainer.algorithms import Algorithm
-from trainer.algorithms.ddqn import DIVIDED, PRESETS, QConfig, build
+from dataclasses import replace
+
+from trainer.algorithms import ddqn
 from trainer.learners.networks import DuelingPolicy
 
-ALGORITHM = Algorithm("Dueling DQN", QConfig(), DuelingPolicy, build, PRESETS, divided=DIVIDED)
+ALGORITHM = replace(ddqn.ALGORITHM, title="Dueling DQN", policy=DuelingPolicy)

@@ -7,7 +7,8 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from trainer.sweeps.sweep import WorkerOptions, run_sweep
+from trainer.options import WorkerOptions
+from trainer.sweeps.sweep import run_sweep
 
 MAPS = ("hamlet", "village", "suburb", "blocks")  # not the arena, where the six models are judged
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import onnx
@@ -24,14 +24,15 @@ HALF = torch.ops.mkldnn._is_mkldnn_bf16_supported()  # then a third of the time
 _LAYERS = 7 * ["Conv"] + ["Gemm"]
 
 
-class _Twice(nn.Module):
-    """Two convolutions beside a short cut, as of `trainer.sight.network`."""
+class Twice(nn.Module):
+    """Two convolutions beside a short cut (He et al. 2016)."""
 
     def __init__(self, first: nn.Module, second: nn.Module) -> None:
         super().__init__()
         self.first, self.second = first, second
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """(N, C, H, W) to (N, C, H, W)."""
         return torch.relu(images + self.second(torch.relu(self.first(images))))
 
 
@@ -68,7 +69,7 @@ def read_backbone(path: Path) -> Backbone:
     if [node.op_type for node in nodes] != _LAYERS or any(len(each) != 2 for each in layers):
         raise ContractError(f"{path}: expected the layers of a sight, got others; {remedy}")
     a, b, c, d, e, f, g, dense = (_layer(*each) for each in layers)
-    body = (a, nn.ReLU(), b, nn.ReLU(), _Twice(c, d), e, nn.ReLU(), _Twice(f, g))
+    body = (a, nn.ReLU(), b, nn.ReLU(), Twice(c, d), e, nn.ReLU(), Twice(f, g))
     return Backbone(*body, nn.Flatten(), dense, nn.ReLU()).requires_grad_(False)
 
 
@@ -95,12 +96,6 @@ class Seer:
         """Stacks of pictures (..., H, W, 3 F) uint8 -> (..., F width) float32."""
         batch = torch.from_numpy(images.reshape(-1, *images.shape[-3:])).to(self._device)
         return self._network(batch).float().cpu().numpy().reshape(*images.shape[:-3], -1)
-
-    def instead(self, observation: Any) -> Any:
-        """An observation, pictures or a dict with them as ``image``, with what it sees instead."""
-        if isinstance(observation, dict):
-            return {**observation, "image": self(observation["image"])}
-        return self(observation)
 
 
 def _layer(weight: np.ndarray, bias: np.ndarray) -> nn.Module:

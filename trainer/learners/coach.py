@@ -22,7 +22,6 @@ from sim_pybullet.rendering.ray_camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise, make_env
-from trainer.learners.world import ScaledReward
 from trainer.run import atomically
 from trainer.torch_file import reading
 
@@ -49,18 +48,16 @@ def told(world: BatchWorld) -> np.ndarray:
     return np.concatenate((path, task.vehicle.counted[:, :1] / _SPEED_MPS), 1).astype(np.float32)
 
 
-def told_instead(env: DuckpilotVecEnv) -> SeenOtherwise:
+def told_instead(env: DuckpilotVecEnv, reward_scale: float = 1.0) -> SeenOtherwise:
     """Robots that are told what a coach knows; when an episode ends, already of the next one."""
     world, space = env.world, spaces.Box(-np.inf, np.inf, (PATH_POINTS + 1,), np.float32)
-    return SeenOtherwise(env, lambda _, k: told(world) if k is None else told(world)[k], space)
+    return SeenOtherwise(
+        env, lambda _, k: told(world) if k is None else told(world)[k], space, reward_scale
+    )
 
 
 def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> Coach:
-    """The coach in this file, taught for so many decisions if there is none.
-
-    Raises:
-        DuckpilotError: a map or look of the run that is absent or does not fit.
-    """
+    """The coach in this file, taught for so many decisions if there is none."""
     if not path.exists():
         policy = _teach(config, steps, console)
         with atomically(path) as temporary:
@@ -71,7 +68,7 @@ def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> C
 
 def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:
     blind = make_env(replace(config, translate=None), ROBOTS, config.seed, NoCamera())
-    env = ScaledReward(told_instead(blind), config.reward_scale)
+    env = told_instead(blind, config.reward_scale)
     model = PPO(
         "MlpPolicy",
         env,

@@ -4,7 +4,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+
+from trainer.config import RunConfig
 
 
 class EpisodeEnd(NamedTuple):
@@ -17,11 +21,7 @@ class EpisodeEnd(NamedTuple):
 
 
 class EpisodeCount:
-    """Of N robots, the first of which has the number ``first``.
-
-    Args:
-        reward_scale: by which rewards were multiplied.
-    """
+    """Of N robots from number ``first`` on, whose rewards were multiplied by ``reward_scale``."""
 
     def __init__(self, robots: int, reward_scale: float, first: int = 0) -> None:
         self._rewards, self._lengths = np.zeros(robots), np.zeros(robots, dtype=int)
@@ -42,9 +42,7 @@ class EpisodeCount:
         return ends
 
 
-class Tell(BaseCallback):
-    """Tells of the episodes of each rollout when it ends."""
-
+class _Tell(BaseCallback):
     def __init__(self, count: EpisodeCount, tell: Callable[[list[EpisodeEnd]], object]) -> None:
         super().__init__()
         self._count, self._tell = count, tell
@@ -58,3 +56,17 @@ class Tell(BaseCallback):
     def _on_rollout_end(self) -> None:
         self._tell(self._ended)
         self._ended = []
+
+
+def learn_and_tell(
+    model: BaseAlgorithm, config: RunConfig, number: int, tell: Callable[[list[EpisodeEnd]], object]
+) -> None:
+    """Learn until the run's steps are done, and tell of the episodes of each rollout.
+
+    ``number`` is that of this process among those of the run, which have as many robots each.
+    """
+    model.set_logger(Logger(None, []))
+    robots = config.learn.robots
+    heard = _Tell(EpisodeCount(robots, config.reward_scale, number * robots), tell)
+    steps = max(0, config.steps - model.num_timesteps)
+    model.learn(steps, heard, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # no log

@@ -22,6 +22,7 @@ from torch import nn
 from robot.contract import PATH_POINTS, ActionTable
 from robot.errors import ContractError
 from trainer.config import NetConfig
+from trainer.envs import parts_of, spaces_of
 from trainer.learners.backbone import Backbone, centred, read_backbone
 from trainer.learners.world import TRUE_PATH
 
@@ -29,8 +30,6 @@ KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolution
 
 _SMALL = 0.01  # of the critic's last weights at first, as stable-baselines3 has it for the actor's
 _MOST_ACTIONS = 9  # outputs of a last layer, whose weights begin smaller
-
-Observation = torch.Tensor | dict[str, torch.Tensor]
 
 
 class DrivingFeatures(BaseFeaturesExtractor):
@@ -41,7 +40,10 @@ class DrivingFeatures(BaseFeaturesExtractor):
     """
 
     def __init__(self, observation_space: spaces.Space, net: NetConfig) -> None:
-        image, path_points = observation_shapes(observation_space)
+        shapes = {name: part.shape for name, part in spaces_of(observation_space).items()}
+        image, path_points = shapes.get("image", ()), sum(shapes.get("path", ()))
+        if len(image) not in (1, 3) or (image[2:] and image[2] % 3):
+            raise ContractError(f"expected a picture (H, W, 3), got {observation_space}")
         super().__init__(observation_space, net.image_fc + net.path_fc[1] * bool(path_points))
         self._centred = net.centred
         if net.backbone:
@@ -49,29 +51,26 @@ class DrivingFeatures(BaseFeaturesExtractor):
             self.convolutions: nn.Sequential = backbone
             flat = backbone.width * image[2] // 3 if image[1:] else image[0]
         else:
-            self.convolutions = _convolutions(image[2], net.channels)
+            self.convolutions = _convolutions((image[2], *net.channels))
             with torch.no_grad():
                 flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
         self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
         self.path_fc = _perceptron((path_points, *net.path_fc)) if path_points else None
         self.apply(_orthogonal)
 
-    def forward(self, observation: Observation) -> torch.Tensor:
+    def forward(self, observation: torch.Tensor | dict[str, torch.Tensor]) -> torch.Tensor:
         """(N, features)."""
-        if isinstance(observation, torch.Tensor):
-            return self._look(observation)
-        seen = self._look(observation["image"])
+        parts = parts_of(observation)
+        seen: torch.Tensor = parts["image"]
+        if not isinstance(self.convolutions, Backbone):
+            pixels = centred(seen) if self._centred else seen.float().permute(0, 3, 1, 2) / 255.0
+            seen = self.convolutions(pixels).flatten(1)
+        elif seen.ndim > 2:
+            seen = self.convolutions(seen)
+        features = self.image_fc(seen)
         if self.path_fc is None:
-            return seen
-        return torch.cat((seen, self.path_fc(observation["path"])), 1)
-
-    def _look(self, image: torch.Tensor) -> torch.Tensor:
-        if image.ndim == 2:
-            return self.image_fc(image)
-        if isinstance(self.convolutions, Backbone):
-            return self.image_fc(self.convolutions(image))
-        pixels = centred(image) if self._centred else image.float().permute(0, 3, 1, 2) / 255.0
-        return self.image_fc(self.convolutions(pixels).flatten(1))
+            return features
+        return torch.cat((features, self.path_fc(parts["path"])), 1)
 
 
 class DuelingQNetwork(QNetwork):
@@ -85,9 +84,6 @@ class DuelingQNetwork(QNetwork):
 
 
 class _Dueling(nn.Sequential):
-    def __init__(self, value: nn.Module, advantage: nn.Module) -> None:
-        super().__init__(value, advantage)
-
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         value, advantage = self[0](features), self[1](features)
         return value + advantage - advantage.mean(dim=1, keepdim=True)
@@ -104,8 +100,7 @@ class Hedge(nn.Module):
     def __init__(self, actions: ActionTable) -> None:
         super().__init__()
         turns = torch.tensor([10.0 * (right - left) for left, right in actions])
-        self.costs: torch.Tensor
-        self.register_buffer("costs", -(turns[:, None] - turns).square())
+        self.costs = nn.Buffer(-(turns[:, None] - turns).square())
 
     def forward(self, logits: torch.Tensor) -> torch.Tensor:
         """See the class."""
@@ -113,13 +108,10 @@ class Hedge(nn.Module):
 
 
 class QPolicy(DQNPolicy):
-    """Online and target network; orthogonal weights.
-
-    Args:
-        true_path: weight of the auxiliary task, see `trainer.learners.world.with_true_path`.
-    """
+    """Online and target network; orthogonal weights."""
 
     network: type[QNetwork] = QNetwork
+    true_path: float  # weight of the auxiliary task, see `trainer.learners.world.with_true_path`
 
     def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
         self.true_path = true_path
@@ -149,11 +141,7 @@ class QPolicy(DQNPolicy):
 
 
 class ImitatingPolicy(QPolicy):
-    """As `QPolicy`, of who imitates an expert.
-
-    Args:
-        hedged: the actions, if `Hedge` chooses among them.
-    """
+    """As `QPolicy`, of who imitates an expert; `Hedge` chooses among ``hedged`` actions."""
 
     def __init__(self, *args: Any, hedged: ActionTable = (), **kwargs: Any) -> None:
         self._hedged = hedged
@@ -185,10 +173,9 @@ class DrivingActorCritic(ActorCriticPolicy):
     Values begin near 0, as the actor's logits do. Else the first thing that is learned is to take
     away the values of a fresh network: all that actor and critic share shrinks, and now and then
     the first convolution is dead before that is over.
-
-    Args:
-        true_path: that weight, as a multiple of the weight of the entropy.
     """
+
+    true_path: float  # that weight, as a multiple of the weight of the entropy
 
     def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
         self.true_path = true_path
@@ -229,30 +216,22 @@ class GreedyNetwork(nn.Module):
         super().__init__()
         if isinstance(policy, DQNPolicy):
             self.features, self.head = policy.q_net.features_extractor, policy.q_net.q_net
-        elif isinstance(policy, ActorCriticPolicy):
+        else:
+            assert isinstance(policy, ActorCriticPolicy)
             actor = policy.mlp_extractor.policy_net
             self.features = policy.pi_features_extractor
             self.head = nn.Sequential(actor, policy.action_net)
-        else:
-            raise ContractError(f"expected a Q or actor-critic policy, got {type(policy).__name__}")
 
     def forward(self, image: torch.Tensor, path: torch.Tensor | None = None) -> torch.Tensor:
         """image (N, H, W, 3) uint8 or float 0..255, path (N, P) -> (N, actions)."""
-        return self.head(self._seen(image, path))
-
-    def logits(self, image: torch.Tensor, path: torch.Tensor | None = None) -> torch.Tensor:
-        """As `forward`, before any `Hedge`."""
-        return unhedged(self.head)(self._seen(image, path))
-
-    def _seen(self, image: torch.Tensor, path: torch.Tensor | None) -> torch.Tensor:
-        return self.features(image if path is None else {"image": image, "path": path})
+        return self.head(self.features(image if path is None else {"image": image, "path": path}))
 
     @torch.no_grad()
     def actions(self, observation: np.ndarray | dict[str, np.ndarray]) -> np.ndarray:
         """The greedy choices (N,) int64 for a batch as the environment gives it."""
         device = next(self.parameters()).device
-        parts = observation if isinstance(observation, dict) else {"image": observation}
-        tensors = {name: torch.from_numpy(part).to(device) for name, part in parts.items()}
+        parts = parts_of(observation).items()
+        tensors = {name: torch.from_numpy(part).to(device) for name, part in parts}
         return self(**tensors).argmax(dim=1).cpu().numpy()
 
 
@@ -261,26 +240,10 @@ def unhedged(head: nn.Sequential) -> nn.Sequential:
     return cast(nn.Sequential, head[:-1]) if isinstance(head[-1], Hedge) else head
 
 
-def observation_shapes(space: spaces.Space) -> tuple[tuple[int, ...], int]:
-    """((H, W, 3 F), path points or 0) of an observation space; (width,) where a backbone saw.
-
-    Raises:
-        ContractError: neither a picture nor a dict of ``image`` and ``path``.
-    """
-    parts: Any = space.spaces if isinstance(space, spaces.Dict) else {"image": space}
-    shapes: dict[str, tuple[int, ...]] = {name: part.shape or () for name, part in parts.items()}
-    image = shapes.get("image", ())
-    if len(image) not in (1, 3) or (image[2:] and image[2] % 3):
-        raise ContractError(f"observation: expected a picture (H, W, 3), got {space}")
-    return image, sum(shapes.get("path", ()))
-
-
-def _convolutions(inputs: int, channels: tuple[int, ...]) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for outputs, (kernel, stride) in zip(channels, KERNELS_AND_STRIDES, strict=False):
-        layers += [nn.Conv2d(inputs, outputs, kernel, stride), nn.ReLU()]
-        inputs = outputs
-    return nn.Sequential(*layers)
+def _convolutions(channels: tuple[int, ...]) -> nn.Sequential:
+    each = zip(itertools.pairwise(channels), KERNELS_AND_STRIDES, strict=False)
+    pairs = ((nn.Conv2d(*sizes, *how), nn.ReLU()) for sizes, how in each)
+    return nn.Sequential(*itertools.chain.from_iterable(pairs))
 
 
 def _perceptron(sizes: tuple[int, ...]) -> nn.Sequential:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
-from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
@@ -23,9 +22,7 @@ class ChannelLast:
     """Leaves pictures as (H, W, 3), where stable-baselines3 would copy them to (3, H, W)."""
 
     @staticmethod
-    def _wrap_env(env: GymEnv, *_: Any, **__: Any) -> VecEnv:
-        if not isinstance(env, VecEnv):
-            raise TypeError(f"expected a stable-baselines3 VecEnv, got {type(env).__name__}")
+    def _wrap_env(env: Any, *_: Any, **__: Any) -> VecEnv:
         return env
 
 
@@ -64,12 +61,12 @@ def build_policy(config: RunConfig) -> BasePolicy:
 
 def policy_arguments(config: RunConfig) -> dict[str, Any]:
     """What stable-baselines3 calls ``policy_kwargs``."""
-    head = [config.net.head_fc]
-    actor_critic = issubclass(find_algorithm(config.algorithm).policy, ActorCriticPolicy)
+    head, policy = [config.net.head_fc], find_algorithm(config.algorithm).policy
+    actor_critic = issubclass(policy, ActorCriticPolicy)
     # in an actor-critic's loss it is multiplied by the weight of the entropy
     share = getattr(config.learn, "entropy", 1.0)
     spec = find_task(config.task)
-    imitates = issubclass(find_algorithm(config.algorithm).policy, ImitatingPolicy)
+    imitates = issubclass(policy, ImitatingPolicy)
     hedged = {"hedged": spec.actions} if imitates and spec.actions == FIVE_ACTIONS else {}
     return {
         **hedged,

@@ -18,10 +18,10 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from robot.errors import ConfigError
 from trainer.algorithms import Making
+from trainer.envs import parts_of, spaces_of
 from trainer.learners.policies import common_arguments
 
 _NUMBER = spaces.Box(0, np.iinfo(np.int64).max, shape=(), dtype=np.int64)
-_PICTURE = "image"
 _SCALARS = ("actions", "rewards", "dones", "timeouts")
 
 
@@ -49,27 +49,23 @@ class MappedReplayBuffer(NStepReplayBuffer):
     """
 
     def __init__(
-        self,
-        buffer_size: int,
-        observation_space: spaces.Space,
-        action_space: spaces.Space,
-        device: torch.device | str = "cpu",
-        n_envs: int = 1,
-        optimize_memory_usage: bool = False,
-        *,
-        folder: Path,
-        **own: Any,
+        self, buffer_size: int, seen: spaces.Space, *rest: Any, folder: Path, **own: Any
     ) -> None:
-        common = (action_space, device, n_envs, optimize_memory_usage)
-        super().__init__(buffer_size, _NUMBER, *common, **own)
+        super().__init__(buffer_size, _NUMBER, *rest, **own)
         self.folder, self.taken_over = folder, True
         folder.mkdir(parents=True, exist_ok=True)
-        rows = (self.buffer_size, n_envs)
+        rows = (self.buffer_size, self.n_envs)
         self.observations = np.arange(rows[0] * rows[1], dtype=np.int64).reshape(rows)
         self.next_observations = self.observations
-        parts = _parts(observation_space)
+        parts = spaces_of(seen)
         sizes = [np.prod(rows + part.shape) * part.dtype.itemsize for part in parts.values()]
-        _check_space(folder, 2 * int(sum(sizes)))
+        needed = 2 * int(sum(sizes)) - sum(path.stat().st_size for path in folder.iterdir())
+        free = shutil.disk_usage(folder).free
+        if needed > free:
+            raise ConfigError(
+                f"replay buffer: expected {needed / 1e9:.1f} GB free under {folder}, "
+                f"got {free / 1e9:.1f}; choose a smaller buffer or another --out"
+            )
         self.seen, self.seen_next = (
             {k: self._map(f"{which}{k}", rows + s.shape, s.dtype) for k, s in parts.items()}
             for which in ("", "next_")
@@ -83,9 +79,8 @@ class MappedReplayBuffer(NStepReplayBuffer):
     def add(self, obs: Any, next_obs: Any, *rest: Any) -> None:
         """One row: a transition of every robot."""
         for store, observation in ((self.seen, obs), (self.seen_next, next_obs)):
-            for name, array in store.items():
-                is_dict = isinstance(observation, dict)
-                array[self.pos] = observation[name] if is_dict else observation
+            for name, part in parts_of(observation).items():
+                store[name][self.pos] = part
         numbers = self.observations[self.pos]
         super().add(numbers, numbers, *rest)
         self.rows[0] += 1
@@ -99,20 +94,13 @@ class MappedReplayBuffer(NStepReplayBuffer):
             next_observations=self._fetch(self.seen_next, samples.next_observations),
         )
 
-    def close(self, delete: bool = False) -> None:
-        """Let go of the files; a finished run has no more use for them."""
-        for name in ("seen", "seen_next", "rows", *_SCALARS):
-            delattr(self, name)
-        if delete:
-            shutil.rmtree(self.folder)
-
     def _fetch(self, store: dict[str, np.ndarray], numbers: torch.Tensor) -> Any:
         which = numbers.cpu().numpy()
         batch = {
             name: torch.from_numpy(array.reshape(-1, *array.shape[2:])[which]).to(self.device)
             for name, array in store.items()
         }
-        return batch if len(batch) > 1 else batch[_PICTURE]
+        return batch if len(batch) > 1 else batch["image"]
 
     def _map(self, name: str, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
         path = self.folder / name
@@ -135,18 +123,3 @@ class MappedReplayBuffer(NStepReplayBuffer):
         scalars = (getattr(self, name) for name in _SCALARS)
         for array in (*self.seen.values(), *self.seen_next.values(), *scalars):
             array[self.pos] = array[last]  # may be half written
-
-
-def _parts(space: spaces.Space) -> dict[str, spaces.Box]:
-    found = dict(space.spaces) if isinstance(space, spaces.Dict) else {_PICTURE: space}
-    return {name: part for name, part in found.items() if isinstance(part, spaces.Box)}
-
-
-def _check_space(folder: Path, needed: int) -> None:
-    present = sum(path.stat().st_size for path in folder.iterdir())
-    free = shutil.disk_usage(folder).free
-    if needed - present > free:
-        raise ConfigError(
-            f"replay buffer: expected {needed / 1e9:.1f} GB free under {folder}, "
-            f"got {free / 1e9:.1f}; choose a smaller buffer or another --out"
-        )

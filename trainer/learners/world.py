@@ -5,15 +5,14 @@ from typing import Any, cast
 
 import numpy as np
 from gymnasium import spaces
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecEnv
 
 from robot.contract import PATH_POINTS
 from robot.navigation.path import path_inputs
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
-from trainer.envs import SeenOtherwise, parts_of
+from trainer.envs import SeenOtherwise, image_changed, parts_of, spaces_of
 from trainer.learners.backbone import Seer
 from trainer.relit import relit
 
@@ -30,7 +29,6 @@ def with_true_path(env: VecEnv) -> SeenOtherwise:
     pose. Nothing of it is in what is exported. See `robot.navigation.path`.
     """
     world, space = cast(DuckpilotVecEnv, env).world, env.observation_space
-    parts = space.spaces if isinstance(space, spaces.Dict) else {"image": space}
 
     def see(seen: Any, robot: int | None) -> dict[str, np.ndarray]:
         true = np.zeros(PATH_POINTS, np.float32)  # of an ended episode: nobody learns from it
@@ -39,49 +37,26 @@ def with_true_path(env: VecEnv) -> SeenOtherwise:
         return {**parts_of(seen), TRUE_PATH: true}
 
     true_path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
-    return SeenOtherwise(env, see, spaces.Dict({**parts, TRUE_PATH: true_path}))
+    return SeenOtherwise(env, see, spaces.Dict({**spaces_of(space), TRUE_PATH: true_path}))
 
 
 def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
-    """Whatever a robot sees, it sees under a light of its own: one for all frames of a stack.
+    """Whatever a robot sees, it sees under a light of its own: one for all frames of a stack."""
 
-    Pictures are (H, W, 3 F) uint8, or a dict with them as ``image``.
-    """
+    def lit(shown: np.ndarray) -> np.ndarray:
+        return relit(shown, rng) if shown.ndim == 3 else np.stack([relit(s, rng) for s in shown])
 
-    def see(seen: Any, robot: int | None) -> Any:
-        shown = parts_of(seen)["image"]
-        lit = np.stack([relit(each, rng) for each in shown]) if robot is None else relit(shown, rng)
-        return {**seen, "image": lit} if isinstance(seen, dict) else lit
-
-    return SeenOtherwise(env, see)
+    return SeenOtherwise(env, lambda seen, _: image_changed(seen, lit))
 
 
 def seen_by(env: VecEnv, backbone: Seer) -> SeenOtherwise:
     """In place of pictures (H, W, 3 F), alone or in a dict as ``image``, what a backbone saw."""
-    shown = env.observation_space
-    parts: Any = shown.spaces if isinstance(shown, spaces.Dict) else {"image": shown}
+    parts = spaces_of(env.observation_space)
     width = backbone.width * parts["image"].shape[2] // 3
     space: spaces.Space = spaces.Box(-np.inf, np.inf, (width,), np.float32)
-    if isinstance(shown, spaces.Dict):
+    if isinstance(env.observation_space, spaces.Dict):
         space = spaces.Dict({**parts, "image": space})
-    return SeenOtherwise(env, lambda seen, _: backbone.instead(seen), space)
-
-
-class ScaledReward(VecEnvWrapper):
-    """Multiplies rewards, so that values lie near 1, where losses and gradients are made for."""
-
-    def __init__(self, env: VecEnv, scale: float) -> None:
-        super().__init__(env)
-        self._scale = scale
-
-    def reset(self) -> VecEnvObs:
-        """As of the environment."""
-        return self.venv.reset()
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """As of the environment, the rewards (N,) scaled."""
-        observation, rewards, done, infos = self.venv.step_wait()
-        return observation, rewards * self._scale, done, infos
+    return SeenOtherwise(env, lambda seen, _: image_changed(seen, backbone), space)
 
 
 def learning_world(config: RunConfig, make_env: EnvMaker) -> VecEnv:
@@ -93,4 +68,4 @@ def learning_world(config: RunConfig, make_env: EnvMaker) -> VecEnv:
         env = under_other_lights(env, np.random.default_rng(config.seed))
     if config.net.backbone:
         env = seen_by(env, Seer(Path(config.net.backbone), config.device))
-    return ScaledReward(env, config.reward_scale)
+    return SeenOtherwise(env, lambda seen, _: seen, reward_scale=config.reward_scale)

@@ -77,12 +77,8 @@ def fronted(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def spoiled(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A picture (H, W, 3) uint8 that shows no road: mirrored, upside down, covered, or noise."""
     way = int(rng.integers(5))
-    if way == 0:
-        return np.ascontiguousarray(image[:, ::-1])
-    if way == 1:
-        return np.ascontiguousarray(image[::-1])
-    if way == 2:
-        return np.ascontiguousarray(image[::-1, ::-1])
+    if way < 3:
+        return np.asarray(cv2.flip(image, (1, 0, -1)[way]))
     if way == 3:  # a hand before the lens: next to nothing of the picture is left
         blurred = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(12, 30))).astype(np.float32)
         dark = blurred * rng.uniform(0.02, 0.6) + rng.normal(0, rng.uniform(0, 8), image.shape)

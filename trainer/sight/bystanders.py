@@ -30,24 +30,17 @@ _MARGIN_M = 0.03  # so far beside what is in the way nobody can tell
 
 
 class Bystanders(Navigation):
-    """`Navigation` past ducks and robots that stand on the lane and beside it, now here, now there.
+    """`Navigation` past ducks and robots on the lane and beside it, now here, now there."""
 
-    Without ``seed`` there are none.
-    """
-
-    def __init__(
-        self, maps: Sequence[RoadMap], robots: int, spread: float, seed: int | None = None
-    ) -> None:
+    def __init__(self, maps: Sequence[RoadMap], robots: int, spread: float, seed: int) -> None:
         super().__init__(maps, robots, spread)
-        self._rng = np.random.default_rng((seed or 0, 3))
-        self.movers = () if seed is None else tuple(_movers(self._rng))
+        self._rng = np.random.default_rng((seed, 3))
+        self.movers = tuple(_movers(self._rng))
         self._places = np.full((robots, len(self.movers), 3), np.nan)
         self._near_m = NOSE_M + np.repeat((HALF_DUCK_M, HALF_ROBOT_M), (_DUCKS, _ROBOTS))
 
     def think(self, poses: np.ndarray) -> None:
         """Others come and go; who would be driven through is gone."""
-        if not self.movers:
-            return
         anew = self._rng.random(self.n_robots) < _ANEW
         self._places[anew] = self._drawn()[anew]
         delta = self._places[..., :2] - poses[:, None, :2]
@@ -71,9 +64,9 @@ class Bystanders(Navigation):
         places[rng.random(shape) > _THERE] = np.nan
         return places
 
-    def moving(self, poses: np.ndarray, share: float = 1.0) -> np.ndarray | None:  # noqa: ARG002
+    def moving(self, poses: np.ndarray, share: float = 1.0) -> np.ndarray:  # noqa: ARG002
         """As of `Task`."""
-        return self._places if self.movers else None
+        return self._places
 
 
 def _movers(rng: np.random.Generator) -> Iterator[Mover]:

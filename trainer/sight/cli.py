@@ -18,24 +18,15 @@ SHIPPED = SHIPPED_MODELS / "sight.onnx"
 class SightRun:
     """``config.yaml`` of a run."""
 
-    files: int = 60
-    """Of some 4,000 pictures each, to learn from."""
-    steps: int = 24_000
-    """Of learning."""
-    batch: int = 128
-    """Pictures in a step."""
-    look: tuple[str, ...] = ("randomised", "wide")
-    """Looks, or folders of looks, to learn in; files of pictures take turns."""
-    seed: int = 0
-    """Of everything random."""
-    choosing_files: int = 4
-    """Of pictures by which uncertainties are scaled."""
+    files: int = 60  # Of some 4,000 pictures each, to learn from.
+    steps: int = 24_000  # Of learning.
+    batch: int = 128  # Pictures in a step.
+    look: tuple[str, ...] = ("randomised", "wide")  # Looks, or folders of them; files take turns.
+    seed: int = 0  # Of everything random.
+    choosing_files: int = 4  # Of pictures by which uncertainties are scaled.
 
 
-_RUN = SightRun()
-
-
-def train_command(out: Path, options: Annotated[SightRun, tyro.conf.arg(name="")] = _RUN) -> int:
+def train_command(out: Path, options: Annotated[SightRun, tyro.conf.arg(name="")]) -> int:
     """Teach a small network to see lane, red line, junction and whether there is a road.
 
     Learns on the training maps and is calibrated on those for choosing. Called again, it goes on
@@ -45,11 +36,8 @@ def train_command(out: Path, options: Annotated[SightRun, tyro.conf.arg(name="")
         out: folder of the run.
         options: how much of what.
     """
-    import torch
-
     from trainer.sight.train import train_sight
 
-    torch.set_num_threads(1)
     console = Console(soft_wrap=True)
     console.print(f"{train_sight(out, options, console)}: written", markup=False)
     return 0

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from robot.geometry import Pose
 from robot.inference.preprocess import preprocess
 from robot.lens import CameraRig
 from robot.navigation.lane_view import KINDS
@@ -39,15 +40,13 @@ def drawn(frame: np.ndarray, seen: Seen, rig: CameraRig) -> np.ndarray:
     offset_m, heading_rad, curvature_pm, line_m = seen.figures[0, :4].tolist()
     scaled = CameraRig(rig.lens.scaled(picture.shape[1], picture.shape[0]), rig.mount)
     left_m = -offset_m + 0.5 * curvature_pm * _AHEAD_M**2
-    c, s = math.cos(-heading_rad), math.sin(-heading_rad)
-    lane = np.stack((c * _AHEAD_M - s * left_m, s * _AHEAD_M + c * left_m), axis=1)
-    over = picture.copy()
+    over, axle = picture.copy(), Pose(0.0, 0.0, -heading_rad)
     if seen.road[0] > 0.5:
-        _line(over, lane, scaled, _CYAN)
+        lane = np.stack((_AHEAD_M, left_m), axis=1)
+        _line(over, axle.to_world(lane), scaled, _CYAN)
     if seen.line[0] > 0.5:
-        sides = np.array((-_HALF_LINE_M, _HALF_LINE_M)) - offset_m
-        ends = np.stack((c * line_m - s * sides, s * line_m + c * sides), axis=1)
-        _line(over, ends, scaled, _RED)
+        ends = np.array([(line_m, side - offset_m) for side in (-_HALF_LINE_M, _HALF_LINE_M)])
+        _line(over, axle.to_world(ends), scaled, _RED)
     sure = float(np.clip(1.2 - 3.0 * seen.deviations[0, 1], 0.15, 1.0))
     picture = cv2.addWeighted(over, sure, picture, 1.0 - sure, 0.0)
     for row, text in enumerate(_words(seen)):

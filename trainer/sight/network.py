@@ -9,23 +9,12 @@ import torch
 from torch import nn
 from torch.nn import functional as f
 
-from robot.errors import ContractError
 from robot.output import atomically
 from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
-from trainer.export import write_onnx
-from trainer.learners.backbone import HALF
-from trainer.sight.pictures import (
-    FIGURES,
-    FREE,
-    IMAGE,
-    KIND,
-    LINE,
-    LINE_FIGURE,
-    NEW,
-    ROAD,
-    THING,
-    Pictures,
-)
+from trainer.export import TOLERANCE, expect_alike, write_onnx
+from trainer.learners.backbone import HALF, Twice, centred
+from trainer.sight import pictures as shown
+from trainer.sight.pictures import FIGURES, IMAGE, Pictures
 
 CHANNELS = (24, 48, 96)
 _HIDDEN = 192
@@ -37,7 +26,6 @@ _LOG_SD = (-4.0, 2.0)  # least and most, of the standard deviation in spreads
 # Weight of an error by its variance to this power: Seitzer et al., On the pitfalls of
 # heteroscedastic uncertainty estimation, ICLR 2022. At 0 hard pictures are given up too early.
 _BETA = 0.5
-_TOLERANCE = 1e-4
 _AT_ONCE = 512
 
 
@@ -47,16 +35,8 @@ def _convolution(of: int, to: int, size: int, stride: int) -> nn.Sequential:
     return nn.Sequential(convolution, nn.BatchNorm2d(to), nn.ReLU())
 
 
-class _Twice(nn.Module):
-    """Two convolutions beside a short cut (He et al. 2016)."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        first, second = (_convolution(channels, channels, 3, 1) for _ in range(2))
-        self.body = nn.Sequential(first, second[:2])
-
-    def forward(self, images: torch.Tensor) -> torch.Tensor:
-        return torch.relu(images + self.body(images))
+def _twice(channels: int) -> Twice:
+    return Twice(*(_convolution(channels, channels, 3, 1)[:2] for _ in range(2)))
 
 
 class SightNetwork(nn.Module):
@@ -72,9 +52,9 @@ class SightNetwork(nn.Module):
         self.body = nn.Sequential(
             _convolution(3, first, 5, 2),
             _convolution(first, second, 3, 2),
-            _Twice(second),
+            _twice(second),
             _convolution(second, third, 3, 2),
-            _Twice(third),
+            _twice(third),
             nn.Flatten(),
             nn.LazyLinear(_HIDDEN),
             nn.ReLU(),
@@ -83,18 +63,14 @@ class SightNetwork(nn.Module):
         self.eval()
         self.body(torch.zeros(1, 3, *IMAGE.shape[:2]))  # the lazy layer takes its size
         self.train()
-        self.scale: torch.Tensor
-        self.middle: torch.Tensor
-        self.spread: torch.Tensor
-        self.register_buffer("scale", torch.ones(FIGURES))
-        self.register_buffer("middle", torch.tensor(_MIDDLE))
-        self.register_buffer("spread", torch.tensor(_SPREAD))
+        self.scale = nn.Buffer(torch.ones(FIGURES))
+        self.middle = nn.Buffer(torch.tensor(_MIDDLE))
+        self.spread = nn.Buffer(torch.tensor(_SPREAD))
 
     def raw(self, images: torch.Tensor) -> torch.Tensor:
         """(N, 18) in spreads, logarithms and logits."""
-        pixels = images.permute(0, 3, 1, 2).float() / 127.5 - 1.0
         with torch.autocast("cpu", torch.bfloat16, enabled=self.training and HALF):
-            features = self.body(pixels)
+            features = self.body(centred(images))
         return self.head(features.float())
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
@@ -115,12 +91,14 @@ class SightNetwork(nn.Module):
         likely = 0.5 * square * (-2.0 * log_sd).exp() + log_sd
         likely = likely * (2.0 * _BETA * log_sd).exp().detach()
         total = (likely * known).sum() / len(images)
-        for column, logit in zip((LINE, ROAD, THING), raw[:, _SURE:_KINDS].T, strict=True):
+        for column, logit in zip(
+            (shown.LINE, shown.ROAD, shown.THING), raw[:, _SURE:_KINDS].T, strict=True
+        ):
             asked = labels[:, column] >= 0.0
             right = labels[:, column].clamp(min=0.0)
             each = f.binary_cross_entropy_with_logits(logit, right, reduction="none")
             total = total + (each * asked).sum() / len(images)
-        kinds = labels[:, KIND].long()
+        kinds = labels[:, shown.KIND].long()
         wrong = f.cross_entropy(raw[:, _KINDS:], kinds, ignore_index=-1, reduction="sum")
         return total + 0.5 * wrong / len(images)
 
@@ -141,8 +119,8 @@ def calibrate(network: SightNetwork, pictures: Pictures) -> None:
     network.scale.fill_(1.0)
     seen = as_seen(network.see(pictures.images))
     ratio = (seen.figures - pictures.labels[:, :FIGURES]) / seen.deviations
-    ratio[pictures.labels[:, NEW] <= 0.0] = np.nan
-    for figure, column in ((LINE_FIGURE, LINE), (FREE, THING)):
+    ratio[pictures.labels[:, shown.NEW] <= 0.0] = np.nan
+    for figure, column in ((shown.LINE_FIGURE, shown.LINE), (shown.FREE, shown.THING)):
         ratio[pictures.labels[:, column] != 1.0, figure] = np.nan
     ratio = np.vstack((ratio, np.ones(FIGURES)))  # what no picture tells stays as it is
     network.scale.copy_(torch.from_numpy(np.sqrt(np.nanmean(ratio**2, axis=0))))
@@ -151,18 +129,9 @@ def calibrate(network: SightNetwork, pictures: Pictures) -> None:
 def export_sight(
     network: SightNetwork, contract: SightContract, images: np.ndarray, path: Path
 ) -> None:
-    """Write the network with its contract, and compare it with torch on these pictures.
-
-    Raises:
-        ContractError: they disagree.
-    """
+    """Write the network with its contract; ContractError if torch sees else in these pictures."""
     example = {"image": torch.from_numpy(images[:2])}
     with atomically(path) as temporary:
         write_onnx(network, example, "seen", contract, temporary)
-    pairs = zip(OnnxSight(path)(images), as_seen(network.see(images)), strict=True)
-    difference = max(float(np.abs(ours - theirs).max()) for ours, theirs in pairs)
-    if not difference <= _TOLERANCE:
-        raise ContractError(
-            f"{path}: expected torch and ONNX to agree within {_TOLERANCE}, they differ by "
-            f"{difference:.1e}"
-        )
+    for ours, theirs in zip(as_seen(network.see(images)), OnnxSight(path)(images), strict=True):
+        expect_alike(path, ours, theirs, TOLERANCE)

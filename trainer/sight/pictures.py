@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,15 +18,12 @@ from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Other
 from robot.navigation.road_map import RoadMap
-from robot.output import atomically
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import LookPool, Looks
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import apply_sensor
+from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import Task
-from sim_pybullet.tasks.traffic import Traffic
-from sim_pybullet.traffic.scenario import load_scenario
 from trainer.sight.bystanders import Bystanders, clear_m, half_m, standing
 
 IMAGE = ImageSpec(80, 60, 20)
@@ -93,7 +90,7 @@ def drive(task: Task, looks: Looks, seed: int, decisions: int) -> Pictures:
     rng = np.random.default_rng((seed, 1))
     views = [LaneView(place) for place in task.road_maps if isinstance(place, RoadMap)]
     halves_m = [half_m(mover) for mover in task.movers]
-    still: dict[Scene, list[Other]] = {}
+    still = cache(lambda scene: standing(scene.solids))
     world = BatchWorld(task, looks, IMAGE, seed, _WORLDS)
     observation, driven_m = world.reset(), np.zeros(ROBOTS)
     astray, wrong = np.zeros(ROBOTS, dtype=int), np.zeros(ROBOTS, dtype=int)
@@ -105,11 +102,10 @@ def drive(task: Task, looks: Looks, seed: int, decisions: int) -> Pictures:
         shown, where, scenes = world.feed.shown.copy(), world.maps, world.feed.scenes
         poses = shown[:, 0]
         for i, places in enumerate(shown[:, 1:].tolist()):
-            stand = still.get(scenes[i])
-            if stand is None:
-                stand = still[scenes[i]] = standing(scenes[i].solids)
             moving = [Other(x, y, half_m=m) for (x, y, _), m in zip(places, halves_m, strict=True)]
-            others = stand + [each for each in moving if math.isfinite(each.x_m + each.half_m)]
+            others = still(scenes[i]) + [
+                each for each in moving if math.isfinite(each.x_m + each.half_m)
+            ]
             labels[k, i] = label(views[where[i]], poses[i].tolist(), others)
         labels[k, :, NEW] = (poses != last).any(axis=1)
         labels[k, :, DRIVEN_M] = driven_m
@@ -125,12 +121,9 @@ def drive(task: Task, looks: Looks, seed: int, decisions: int) -> Pictures:
 
 def missions(maps: Sequence[RoadMap], seed: int | None = None) -> Task:
     """What experts drive; with a seed, past others who stand on the lane and beside it."""
+    if seed is None:
+        return Navigation(maps, ROBOTS, _START_SPREAD)
     return Bystanders(maps, ROBOTS, _START_SPREAD, seed)
-
-
-def traffic(maps: Sequence[RoadMap]) -> Task:
-    """What experts drive among ducks that walk and cars with drivers of their own."""
-    return Traffic(maps, ROBOTS, load_scenario("mixed"))
 
 
 def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
@@ -150,18 +143,6 @@ def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
         others = standing(world.scene.solids)
         labels += [label(view, pose, others) for pose in poses.tolist()]
     return Pictures(np.concatenate(images), np.stack(labels))
-
-
-def save(pictures: Pictures, path: Path) -> None:
-    """Whole or not at all."""
-    with atomically(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, images=pictures.images, labels=pictures.labels)
-
-
-def load(path: Path) -> Pictures:
-    """What `save` wrote."""
-    with np.load(path) as parts:
-        return Pictures(parts["images"], parts["labels"])
 
 
 def joined(parts: Sequence[Pictures]) -> Pictures:

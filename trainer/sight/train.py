@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.progress import track
 
 from robot.errors import ConfigError
-from robot.navigation.road_map import RoadMap, load_map
+from robot.navigation.road_map import load_map
+from robot.output import atomically
 from robot.vision.sight import SightContract
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import division, refuse_judging_look, refuse_judging_maps
@@ -22,16 +23,7 @@ from trainer.run import take_up
 from trainer.sight.augment import drawn
 from trainer.sight.cli import SightRun
 from trainer.sight.network import SightNetwork, calibrate, export_sight
-from trainer.sight.pictures import (
-    IMAGE,
-    Pictures,
-    anywhere,
-    drive,
-    joined,
-    load,
-    missions,
-    save,
-)
+from trainer.sight.pictures import IMAGE, Pictures, anywhere, drive, joined, missions
 
 DECISIONS = 200  # of each file of pictures
 _RATE = 2e-3
@@ -40,11 +32,7 @@ _CHECKED = 1_000  # pictures that compare ONNX with torch, and calibrate INT8
 
 
 def train_sight(out: Path, run: SightRun, console: Console) -> Path:
-    """Do what of a run is not done yet; the ONNX file.
-
-    Raises:
-        ConfigError: another run lies in ``out``, or the look is kept for judging.
-    """
+    """Do what of a run is not done yet; ConfigError where another lies. Gives the ONNX file."""
     for look in run.look:
         refuse_judging_look(look)
     if take_up(SightRun, out, True, lambda: run) != run:
@@ -85,16 +73,14 @@ def gathered(
     for number in track(range(files), f"{folder.name} pictures", console=console):
         path = folder / f"{number:03d}.npz"
         if not path.exists():
-            save(pictures_of(maps, looks[number % len(looks)], seed * 1_000 + number), path)
-        found.append(load(path))
+            look, own = load_look_sampler(looks[number % len(looks)]), seed * 1_000 + number
+            driven = drive(missions(maps, own), look, own, DECISIONS)
+            made = joined([driven, anywhere(maps, look, own)])
+            with atomically(path) as temporary, temporary.open("wb") as file:
+                np.savez(file, **made._asdict())
+        with np.load(path) as parts:
+            found.append(Pictures(**parts))
     return joined(found)
-
-
-def pictures_of(maps: Sequence[RoadMap], look: str, seed: int) -> Pictures:
-    """One file of pictures, in looks of its own."""
-    looks = load_look_sampler(look)
-    driven = drive(missions(maps, seed), looks, seed, DECISIONS)
-    return joined([driven, anywhere(maps, looks, seed)])
 
 
 def lesson(
@@ -107,7 +93,6 @@ def lesson(
         set_rate([optimiser], rate * min(1.0, (number + 1) / _WARM))
         images, labels = drawn(pictures, run.batch, rng)
         loss = network.loss(torch.from_numpy(images), torch.from_numpy(labels))
-        descend(optimiser, loss)
-        return f"loss {float(loss.detach()):.3f}"
+        return f"loss {descend(optimiser, loss):.3f}"
 
     return step

@@ -6,7 +6,7 @@ import itertools
 import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from rich.console import Console
 
@@ -14,15 +14,14 @@ from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
 from robot.output import expect_folder
 from robot.typed_config import from_plain, read_json, read_yaml, to_plain
+from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
-from trainer.options import EvaluateOptions, TrainOptions, extended
+from trainer.options import EvaluateOptions, SweepOptions, TrainOptions, WorkerOptions
+from trainer.processes import processes_of
 from trainer.run import RunFolder, refuse_run
-from trainer.sweeps.sweep import SweepOptions, WorkerOptions
 
 T = TypeVar("T")
-
-if TYPE_CHECKING:
-    from trainer.processes import Processes
+ONE = WorkerOptions(1)  # process, for one of many jobs
 
 
 @dataclass(frozen=True)
@@ -33,12 +32,7 @@ class TrainJob:
     options: TrainOptions
     resume: bool
     given: tuple[str, ...] = ()  # of the options, those that a person gave
-    alone: WorkerOptions | None = None  # who does it; one process, where it is one of many
-
-    @property
-    def title(self) -> str:
-        """Its folder."""
-        return str(self.out)
+    by: WorkerOptions = ONE  # who does it
 
     @property
     def log(self) -> Path:
@@ -53,53 +47,41 @@ class TrainJob:
 
     def run(self, console: Console) -> int:
         """Train, and say how it went; a run that has ended is left as it is."""
-        folder, options, launcher = RunFolder(self.out), self.options, self._launcher()
+        from trainer.envs import make_env
+        from trainer.training.crew import good_number
+        from trainer.training.train import train
+
+        folder, options = RunFolder(self.out), self.options
+        launcher = processes_of(self.by.ray)
         if not self.resume:
             refuse_run(self.out)
         if folder.config.exists():
             found = folder.load_config()
             if {each.name for each in fields(options)} & set(self.given) - {"steps", "seconds"}:
                 folder.refuse_another(replace(options.config(), workers=found.workers))
-            if self.alone and self.alone.workers not in (None, found.workers):
+            if self.by.workers not in (None, found.workers):
                 raise ConfigError(
                     f"{self.out}: expected --workers {found.workers}, as the run was begun with, "
-                    f"got {self.alone.workers}; leave it out, or choose another --out"
+                    f"got {self.by.workers}; leave it out, or choose another --out"
                 )
-            config = extended(found, options.steps, options.seconds)
+            limits: dict[str, Any] = {"steps": options.steps, "seconds": options.seconds}
+            config = replace(found, **{k: v for k, v in limits.items() if v is not None})
             if said := ended(folder, config):
                 console.print(f"{self.out}: done before, {said}; nothing to do", markup=False)
                 return 0
         else:
-            config = options.config()
-            config = replace(config, workers=self._processes(config, launcher))
+            config, workers = options.config(), self.by.workers
+            if workers is None:
+                alone = find_algorithm(config.algorithm).own_workers
+                workers = 1 if alone else good_number(config.learn.robots, launcher.cores)
+            config = replace(config, workers=workers)
         expect_folder(self.out)
-        from trainer.envs import make_env
-        from trainer.training.train import train
-
         metrics = train(config, folder, make_env, console, launcher=launcher)
         console.print(
             f"{self.out}: {metrics.train_steps} steps in {metrics.train_seconds:.1f} s, success "
             f"{metrics.success_rate:.0%}, stopped by {metrics.stopped_by}"
         )
         return INTERRUPTED if metrics.stopped_by == "interrupted" else 0
-
-    def _launcher(self) -> Processes:
-        """Who starts the other processes of the training."""
-        from trainer.processes import LocalProcesses, RayProcesses
-
-        ray = None if self.alone is None else self.alone.ray
-        return LocalProcesses() if ray is None else RayProcesses(ray)
-
-    def _processes(self, config: RunConfig, launcher: Processes) -> int:
-        """As many as are asked for, else as serve; one, where this is one of many jobs."""
-        from trainer.algorithms import find_algorithm
-        from trainer.training.crew import good_number
-
-        if self.alone is not None and self.alone.workers is not None:
-            return self.alone.workers
-        if self.alone is None or find_algorithm(config.algorithm).own_workers:
-            return 1
-        return good_number(config.learn.robots, launcher.cores)
 
 
 def ended(folder: RunFolder, config: RunConfig) -> str:
@@ -124,36 +106,29 @@ def ended(folder: RunFolder, config: RunConfig) -> str:
 
 @dataclass(frozen=True)
 class EvaluateJob:
-    """An evaluation, into a JSON file where one is named."""
+    """An evaluation in one process, into a JSON file."""
 
-    json: Path | None
+    out: Path
     options: EvaluateOptions
     drives: bool  # filmed beside the JSON file
-    alone: WorkerOptions | None = None  # who does it; one process, where it is one of many
-
-    @property
-    def title(self) -> str:
-        """What it writes."""
-        return str(self.json or self.options.model)
 
     @property
     def log(self) -> Path:
         """Beside the JSON file."""
-        return (self.json or Path("evaluation.json")).with_suffix(".log")
+        return self.out.with_suffix(".log")
 
     def finished(self) -> bool:
         """Whether the JSON file answers the same question."""
         from trainer.judging.judge import answers
 
         self.options.check()
-        return self.json is not None and self.json.exists() and answers(self.json, self.options)
+        return self.out.exists() and answers(self.out, self.options)
 
     def run(self, console: Console) -> int:
         """Drive, and say how it went."""
         from trainer.judging.judge import judge
 
-        workers = 1 if self.alone is None else self.alone.workers
-        return judge(self.json, self.options, self.drives, workers, console)
+        return judge(self.out, self.options, self.drives, 1, console)
 
 
 def evaluate_jobs(

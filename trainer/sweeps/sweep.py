@@ -1,45 +1,26 @@
 """Many trainings or evaluations with one command: seeds, and options crossed with each other."""
 
 import os
+import socket
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
 from robot.command_line import INTERRUPTED
-from trainer.processes import LocalProcesses, Processes, RayProcesses, at_once
-from trainer.sweeps.perform import Job, last_words, perform
+from robot.errors import ConfigError, DuckpilotError
+from trainer.options import WorkerOptions
+from trainer.processes import Ended, LocalProcesses, at_once, processes_of
+
+if TYPE_CHECKING:
+    from trainer.sweeps.jobs import EvaluateJob, TrainJob
 
 RETRIES = 5  # of a job whose Ray worker or node died; it goes on from its checkpoint
 STOPPING_S = 60.0  # for runs to write their checkpoints
 _COLUMNS = (*Progress.get_default_columns(), MofNCompleteColumn())
-
-
-@dataclass(frozen=True)
-class WorkerOptions:
-    """Who does many jobs."""
-
-    workers: int | None = None
-    """Processes: of one training, or of many jobs at once; else one for each core."""
-    ray: str | None = None
-    """On a Ray cluster: its address, or auto. All its nodes must share this folder."""
-
-
-@dataclass(frozen=True)
-class SweepOptions(WorkerOptions):
-    """Several runs in the place of one."""
-
-    seeds: int | None = None
-    """So many, with the seeds from --seed on; those that are finished are skipped."""
-    matrix: Path | None = None
-    """A YAML file of options, each with a list of values: all combinations."""
-
-    @property
-    def wanted(self) -> bool:
-        """Whether any were asked for."""
-        return self.seeds is not None or self.matrix is not None
+Job: TypeAlias = "TrainJob | EvaluateJob"
 
 
 def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int:
@@ -50,13 +31,16 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     waiting = list[Job]()
     for job in jobs:
         if job.finished():
-            console.print(f"{job.title}: finished before", markup=False)
+            console.print(f"{job.out}: finished before", markup=False)
         else:
             waiting.append(job)
     if not waiting:
         return 0
     failures = list[str]()
-    processes, most = _processes(many, len(waiting))
+    processes = processes_of(many.ray, RETRIES)
+    most = len(waiting)
+    if isinstance(processes, LocalProcesses):
+        most = processes.number(many.workers)
     orders = [(job, os.getcwd()) for job in waiting]
     try:
         with Progress(*_COLUMNS, console=console) as bar:
@@ -67,7 +51,7 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
                 if ended.status == 0:
                     console.print(said, markup=False)
                 else:
-                    failures.append(f"{job.title}: failed, {said} (see {job.log})")
+                    failures.append(f"{job.out}: failed, {said} (see {job.log})")
     except KeyboardInterrupt:
         processes.close(STOPPING_S)
         console.print("interrupted; the same command goes on")
@@ -80,9 +64,34 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     return 1 if failures else 0
 
 
-def _processes(many: WorkerOptions, jobs: int) -> tuple[Processes, int]:
-    """Who does the jobs, and how many of them are handed over at once."""
-    if many.ray is not None:
-        return RayProcesses(many.ray, RETRIES), jobs
-    processes = LocalProcesses()
-    return processes, processes.number(many.workers)
+def last_words(job: Job, ended: Ended) -> str:
+    """Why a job has ended, or what it said last, in a line."""
+    if ended.said:
+        return f"{ended.said}; the same command goes on with it" if ended.status < 0 else ended.said
+    text = job.log.read_text(encoding="utf-8", errors="replace") if job.log.exists() else ""
+    return next((s for s in reversed(text.splitlines()) if s.strip()), "printed nothing")
+
+
+def perform(job: Job, folder: str) -> int:
+    """Do a job in this process, which it may keep for itself; the exit status.
+
+    All that is printed goes to the job's log; relative paths begin in ``folder``: ConfigError if
+    this machine has none.
+    """
+    if not Path(folder).is_dir():
+        raise ConfigError(
+            f"{folder}: expected a folder that all nodes of the cluster share, found none on "
+            f"{socket.gethostname()}"
+        )
+    os.chdir(folder)
+    job.log.parent.mkdir(parents=True, exist_ok=True)
+    with job.log.open("ab") as log:
+        for stream in (1, 2):
+            os.dup2(log.fileno(), stream)
+    with open(1, "w", encoding="utf-8", closefd=False) as printed:
+        console = Console(file=printed, soft_wrap=True)
+        try:
+            return job.run(console)
+        except DuckpilotError as error:
+            console.print(str(error), markup=False)
+            return 2

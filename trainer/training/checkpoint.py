@@ -8,9 +8,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 
 from robot.typed_config import from_plain, to_plain
-from trainer.torch_file import load_torch, reading, save_torch
+from trainer.torch_file import loaded, save_torch
 
-CHECKPOINT, POLICY = "the checkpoint of this run", "a policy of this run"
 REMEDY = (
     "; put a copy of it back, or delete it and train from the beginning: best.pt, if it lies "
     "there, still holds the best policy so far"
@@ -74,18 +73,11 @@ def put_back(model: BaseAlgorithm, content: dict[str, Any]) -> None:
         setattr(model, name, value)
 
 
-def load_checkpoint(path: Path, model: BaseAlgorithm) -> TrainState:
-    """Put a freshly built model back where `save_checkpoint` found it."""
-    content: dict[str, Any] = load_torch(path, CHECKPOINT, model.device, REMEDY)
-    with reading(path, CHECKPOINT, REMEDY):
-        put_back(model, content)
-    return read_state(path)
-
-
-def read_state(path: Path) -> TrainState:
-    """The record in a checkpoint."""
-    content = load_torch(path, CHECKPOINT, remedy=REMEDY)
-    with reading(path, CHECKPOINT, REMEDY):
+def read_state(path: Path, model: BaseAlgorithm | None = None) -> TrainState:
+    """The record in a checkpoint; a freshly built model is put back where it was written."""
+    with loaded(path, "the checkpoint of this run", remedy=REMEDY) as content:
+        if model is not None:
+            put_back(model, content)
         state = from_plain(TrainState, content["state"], where=str(path))
         state.evaluations = list(state.evaluations)
     return state
@@ -93,6 +85,5 @@ def read_state(path: Path) -> TrainState:
 
 def load_policy(path: Path, policy: BasePolicy) -> None:
     """Put the weights of ``best.pt`` or ``checkpoint.pt`` into a policy of the same shape."""
-    content = load_torch(path, POLICY, policy.device)
-    with reading(path, POLICY):
+    with loaded(path, "a policy of this run", policy.device) as content:
         policy.load_state_dict(content.get("policy", content))

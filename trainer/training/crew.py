@@ -17,20 +17,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
 from rich.console import Console
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.logger import Logger
 from torch import distributed
-from torch.nn.utils import parameters_to_vector
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from torch.utils.hooks import RemovableHandle
 
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig
-from trainer.learners.episode_count import EpisodeCount, Tell
+from trainer.learners.episode_count import learn_and_tell
 from trainer.learners.world import learning_world
 from trainer.processes import Processes
 from trainer.run import RunFolder
@@ -45,17 +44,6 @@ _FEWEST_ROBOTS = 8  # of a process: with fewer, what every step costs anyhow is 
 
 class PeerLostError(RuntimeError):
     """Another process of the training has gone."""
-
-
-class Orders(NamedTuple):
-    """What a follower is sent out with."""
-
-    config: RunConfig
-    make_env: EnvMaker
-    folder: Path  # of the run
-    rank: int  # 1 or more
-    host: str  # of the leader
-    port: int
 
 
 def good_number(robots: int, cores: int) -> int:
@@ -113,21 +101,11 @@ class Peers:
         together = parameters_to_vector(gradients)
         with _unless_lost():
             distributed.all_reduce(together)
-        together /= self.workers
-        parts = together.split([gradient.numel() for gradient in gradients])
-        for gradient, part in zip(gradients, parts, strict=True):
-            gradient.copy_(part.view_as(gradient))
+        vector_to_parameters(together / self.workers, gradients)
 
 
 class Crew:
-    """The followers of a training, and what its leader does with them.
-
-    Args:
-        config: of the run; of one process has no followers.
-        make_env: makes their worlds.
-        folder: of the run.
-        launcher: who starts them.
-    """
+    """The followers of a training, and what its leader does with them; one process has none."""
 
     def __init__(
         self, config: RunConfig, make_env: EnvMaker, folder: Path, launcher: Processes
@@ -143,11 +121,8 @@ class Crew:
     ) -> None:
         """As `BaseAlgorithm.learn`, with the others; lost ones are replaced.
 
-        Args:
-            stopped: whether nobody wants that any more, while the others get ready.
-
-        Raises:
-            RuntimeError: they are lost again and again, and nothing is learned.
+        ``stopped`` is asked, while the others get ready, whether nobody wants that any more.
+        RuntimeError: they are lost again and again, and nothing is learned.
         """
         end, vain = model.num_timesteps + steps, 0
         while True:
@@ -195,11 +170,9 @@ class Crew:
         if workers == 1:
             return
         self._store = distributed.TCPStore(host, 0, workers, is_master=True, wait_for_workers=False)
-        given = (self._config, self._make_env, self._folder)
-        port = self._store.port
+        orders = (host, self._store.port, self._config, self._make_env, self._folder)
         self._followers = [
-            self._launcher.start(follow, Orders(*given, rank, host, port))
-            for rank in range(1, workers)
+            self._launcher.start(follow, rank, *orders) for rank in range(1, workers)
         ]
 
 
@@ -211,29 +184,26 @@ def _unless_lost() -> Iterator[None]:
         raise PeerLostError(str(error)) from error
 
 
-def follow(orders: Orders) -> None:
-    """Learn with the leader until it has gone."""
+def follow(
+    rank: int, host: str, port: int, run: RunConfig, make_env: EnvMaker, folder: Path
+) -> None:
+    """Learn with the leader at ``host`` until it has gone; ``rank`` is 1 or more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the leader's affair
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    torch.set_num_threads(orders.config.threads)
-    config, rank = share_of(orders.config, orders.rank), orders.rank
-    env = learning_world(config, orders.make_env)
-    workers = orders.config.workers
+    torch.set_num_threads(run.threads)
+    config, own = share_of(run, rank), RunFolder(folder)
+    own.replay /= f"worker{rank}"
+    env = learning_world(config, make_env)
     try:
-        store = distributed.TCPStore(orders.host, orders.port, workers, is_master=False)
+        store = distributed.TCPStore(host, port, run.workers, is_master=False)
         store.set(f"{_READY}{rank}", "")
-        peers = Peers(rank, store, workers)
-        folder = RunFolder(orders.folder)
-        folder.replay /= f"worker{rank}"
-        making = Making(config, env, folder, orders.make_env, Console(quiet=True))
+        peers = Peers(rank, store, run.workers)
+        making = Making(config, env, own, make_env, Console(quiet=True))
         model = find_algorithm(config.algorithm).build(making)
         peers.begin(model)
         model.set_random_seed(config.seed + model.num_timesteps)
-        model.set_logger(Logger(None, []))
-        robots = config.learn.robots
-        count = EpisodeCount(robots, config.reward_scale, rank * robots)
-        tell = Tell(count, lambda ended: peers.gather((ended, time.process_time())))
-        steps = max(0, config.steps - model.num_timesteps)
-        model.learn(steps, tell, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # no log
+        learn_and_tell(
+            model, config, rank, lambda ended: peers.gather((ended, time.process_time()))
+        )
     except (PeerLostError, distributed.DistError):
         return  # the leader has what it wanted; nothing here is worth keeping

@@ -1,5 +1,6 @@
 """A training from beginning to end, or from where it was cut off."""
 
+import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -7,20 +8,17 @@ from dataclasses import dataclass, replace
 
 import torch
 from rich.console import Console
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.vec_env import VecEnv
 
 from robot.output import write_json
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig
-from trainer.export import export_run
-from trainer.learners.replay import MappedReplayBuffer
+from trainer.export import export_best
 from trainer.learners.world import learning_world
 from trainer.processes import LocalProcesses, Processes
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder
-from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
+from trainer.training.checkpoint import Evaluated, TrainState, read_state
 from trainer.training.crew import Crew, share_of
 from trainer.training.watch import Watch
 
@@ -53,13 +51,9 @@ def train(
 ) -> Metrics:
     """Train until the steps, the seconds or the task are done; go on from a checkpoint if any.
 
-    Leaves `RunFolder`'s files. An interrupted run keeps its replay buffer and can go on.
-
-    Args:
-        launcher: of the other processes of a run of several; else they are started here.
-
-    Raises:
-        DuckpilotError: ``make_env`` refuses the configuration; then nothing was written.
+    Leaves `RunFolder`'s files. An interrupted run keeps its replay buffer and can go on. The
+    launcher starts the other processes of a run of several.
+    DuckpilotError: ``make_env`` refuses the configuration; then nothing was written.
     """
     torch.set_num_threads(config.threads)
     own = share_of(config, rank=0)
@@ -77,24 +71,23 @@ def train(
         model = algorithm.build(Making(own, env, folder, make_env, console))
         state = TrainState()
         if folder.checkpoint.exists():
-            state = load_checkpoint(folder.checkpoint, model)
+            state = read_state(folder.checkpoint, model)
             state.stopped_by = ""
             model.set_random_seed(own.seed + model.num_timesteps)
-        closing.callback(_close_replay, model, state)
         model.set_logger(configure(str(folder.tensorboard), ["tensorboard"]))
         closing.callback(model.logger.close)
         log = EpisodeLog(folder, model.num_timesteps * config.workers)
-        closing.callback(log.close)
+        closing.callback(log.file.close)
         beside = (judging_env, console, checkpoint_period_s, crew)
         watch = Watch(config, folder, state, log, *beside)
         watch.init_callback(model)
-        closing.callback(watch.close)
+        closing.enter_context(watch.bar)
         with _stop_on_signal(state):
             steps = max(0, own.steps - model.num_timesteps)
             crew.learn(model, steps, watch, stopped=lambda: bool(state.stopped_by))
             crew.close()
         state.stopped_by = state.stopped_by or "steps"
-        return _finish(config, folder, judging_env, watch, log.count)
+        return _finish(config, folder, watch, log.count)
 
 
 def judged(config: RunConfig) -> RunConfig:
@@ -106,9 +99,7 @@ def judged(config: RunConfig) -> RunConfig:
     return replace(config, look=elsewhere.look, translate=None, without=())
 
 
-def _finish(
-    config: RunConfig, folder: RunFolder, env: VecEnv, watch: Watch, episodes: int
-) -> Metrics:
+def _finish(config: RunConfig, folder: RunFolder, watch: Watch, episodes: int) -> Metrics:
     """Leave the files; an interrupted run has no model and no metrics yet."""
     state, steps, nan = watch.state, watch.steps, float("nan")
     reason, interrupted = state.stopped_by, state.stopped_by == "interrupted"
@@ -133,16 +124,10 @@ def _finish(
         evaluations=tuple(state.evaluations),
     )
     if not interrupted:
-        export_run(folder, config, env, frames=10 * env.num_envs, int8=False)
+        export_best(folder, config)
         write_json(folder.metrics, metrics)
+        shutil.rmtree(folder.replay, ignore_errors=True)  # a finished run has no more use for it
     return metrics
-
-
-def _close_replay(model: BaseAlgorithm, state: TrainState) -> None:
-    """A finished run has no more use for its replay buffer."""
-    buffer = getattr(model, "replay_buffer", None)
-    if isinstance(buffer, MappedReplayBuffer):
-        buffer.close(delete=state.stopped_by not in ("", "interrupted"))
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from robot.contract import CONTROL_DT_S
 from trainer.config import RunConfig
-from trainer.envs import parts_of
+from trainer.envs import image_changed, parts_of
 from trainer.learners.backbone import Seer
 from trainer.learners.episode_count import EpisodeCount, EpisodeEnd
 from trainer.learners.networks import GreedyNetwork
@@ -61,18 +61,17 @@ class Watch(BaseCallback):
         self._saved = self._logged = self._shown = time.monotonic()
         self._started = time.monotonic() - state.seconds
         self._cpu_started = time.process_time() - state.cpu_seconds
-        self._bar = Progress(
+        self.bar = Progress(
             TextColumn(f"{config.task} {config.algorithm}"),
             BarColumn(),
             TextColumn("{task.completed:.0f}/{task.total:.0f} steps · {task.fields[told]}"),
             TimeElapsedColumn(),
             console=console,
         )
-        self._row = self._bar.add_task("", total=config.steps, told="")
+        self._row = self.bar.add_task("", total=config.steps, told="")
 
     def _on_training_start(self) -> None:
         self._first = (self.steps, self.state.seconds)
-        self._bar.start()
 
     @property
     def steps(self) -> int:
@@ -96,7 +95,7 @@ class Watch(BaseCallback):
         now = time.monotonic()
         if now - self._logged >= LOG_PERIOD_S:
             self._logged = now
-            self._log.flush()
+            self._log.file.flush()
             self._write_scalars()
         if self._evaluation_is_due():
             self.evaluate()
@@ -150,7 +149,7 @@ class Watch(BaseCallback):
             state.stopped_by = "solved"
 
     def _choose(self, observation: Any) -> np.ndarray:
-        seen = self._seer.instead(observation) if self._seer else observation
+        seen = image_changed(observation, self._seer) if self._seer else observation
         return GreedyNetwork(self.model.policy).actions(seen)
 
     def _tell(self, e: Evaluated) -> None:
@@ -160,14 +159,14 @@ class Watch(BaseCallback):
         if e.mean_distance_m is not None:
             self.logger.record("evaluation/distance_m", e.mean_distance_m)
         self.logger.dump(e.step)
-        self._bar.console.print(
+        self.bar.console.print(
             f"step {e.step:>7} · {e.seconds:6.1f} s · evaluation: success {e.success_rate:4.0%}, "
             f"return {e.mean_reward:.0f} in {e.mean_steps:.0f} decisions"
         )
 
     def save(self) -> None:
         """A checkpoint now, and every episode before it."""
-        self._log.flush()
+        self._log.file.flush()
         save_checkpoint(self._folder.checkpoint, self.model, self.state)
         self._saved = time.monotonic()
 
@@ -181,7 +180,7 @@ class Watch(BaseCallback):
         if self.state.evaluations:
             last = self.state.evaluations[-1]
             told += f" · {last.success_rate:.0%}, {last.mean_reward:.0f} evaluated"
-        self._bar.update(self._row, completed=self.steps, told=told)
+        self.bar.update(self._row, completed=self.steps, told=told)
 
     def _goes_on(self) -> bool:
         """CPU seconds are kept, too: on a busy machine the wall clock says little."""
@@ -191,10 +190,6 @@ class Watch(BaseCallback):
         if budget_s is not None and state.seconds >= budget_s:
             state.stopped_by = "seconds"
         return not state.stopped_by
-
-    def close(self) -> None:
-        """Give the terminal back."""
-        self._bar.stop()
 
 
 class GreedyResult(NamedTuple):

@@ -23,7 +23,7 @@ from robot.typed_config import from_plain, to_plain
 from trainer.export import export_translator
 from trainer.relit import relit
 from trainer.resumable import fit
-from trainer.torch_file import load_torch, reading, save_torch
+from trainer.torch_file import loaded, save_torch
 from trainer.transfer.cli import ParseOptions
 from trainer.transfer.labelled import LABEL_SETS, VOID, Labelled, LabelSet, load_sources
 from trainer.transfer.networks import SEGNETS, SegNet, painted, through
@@ -161,8 +161,7 @@ def save_parser(parser: Parser, path: Path) -> None:
 
 def load_parser(path: Path) -> Parser:
     """Read what `save_parser` wrote; ConfigError if it is absent, damaged or something else."""
-    content = load_torch(path, _WHAT)
-    with reading(path, _WHAT):
+    with loaded(path, _WHAT) as content:
         options = from_plain(ParseOptions, content["options"], str(path))
         parser = Parser(options).eval()
         parser.network.load_state_dict(content["network"])

@@ -45,6 +45,9 @@ RIVAL = 1.3  # times as much may the next best leave unexplained, to be as likel
 SOFT_PX, BLUR_PX = 3.0, 1.0  # of pictures: to find lines from afar, and against aliasing
 _EVERY = 3  # pixels of which one is asked
 _ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
+ROWS, COLUMNS = np.mgrid[-1:1:120j, -1:1:160j]  # of pixels
+_SHADES = (np.ones_like(ROWS), ROWS, COLUMNS, ROWS**2, COLUMNS**2)
+_SHADING = np.stack(_SHADES, axis=-1).reshape(-1, len(_SHADES))
 _COVER = {
     SemanticClass.WHITE_LINE: (255, 0, 0),
     SemanticClass.YELLOW_LINE: (0, 255, 0),
@@ -99,32 +102,13 @@ class Eye:
         off_road = cv2.erode(beside.astype(np.uint8), np.ones((9, 9))) > 0
         off_road |= cv2.dilate(unknown.astype(np.uint8), np.ones((5, 5))) > 0
         known = np.flatnonzero(self._near & ~off_road)[::_EVERY]
-        planes = drawn.astype(np.float32) / 255.0
-        if blur_px:
-            planes = np.stack([cv2.GaussianBlur(plane, (0, 0), blur_px) for plane in planes])
+        sharp = drawn.astype(np.float32) / 255.0
+        planes = np.stack([cv2.GaussianBlur(plane, (0, 0), blur_px) for plane in sharp])
         seen = planes.reshape(len(planes), -1, 3)[:, known].astype(float)
         rigs = len(self._slots) - 7
         more = np.concatenate((seen[1 : 1 + rigs // 2], seen[-6:-3]))
         less = np.concatenate((seen[1 + rigs // 2 : 1 + rigs], seen[-3:]))
         return known, seen[0], (more - less) / (2.0 * self._small)[:, None, None]
-
-
-def planes_of(image: np.ndarray, blur_px: float = 0.0) -> np.ndarray:
-    """(pixels, 2) float64, brightness and yellow of a picture."""
-    seen = image.astype(np.float32)
-    red, green, blue = np.moveaxis(
-        cv2.GaussianBlur(seen, (0, 0), blur_px) if blur_px else seen, -1, 0
-    )
-    return np.stack(((red + green + blue) / 3, (red + green) / 2 - blue), -1).reshape(-1, 2)
-
-
-def _shading() -> np.ndarray:
-    rows, columns = np.mgrid[-1:1:120j, -1:1:160j]
-    terms = (np.ones_like(rows), rows, columns, rows * rows, columns * columns)
-    return np.stack(terms, axis=-1).reshape(-1, len(terms))
-
-
-_SHADING = _shading()
 
 
 class Explained(NamedTuple):
@@ -174,31 +158,50 @@ class Fitted(NamedTuple):
     rival: np.ndarray | None = None  # (7,) of another camera that explains them nearly as well
 
 
+class Views(NamedTuple):
+    """Pictures taken near poses (F, 3), over the cover of a floor."""
+
+    planes: np.ndarray  # (F, pixels, 2)
+    poses: np.ndarray
+    scene: Scene
+    blur_px: float
+
+    def some(self, chosen: np.ndarray) -> Views:
+        """Those of these numbers."""
+        return self._replace(planes=self.planes[chosen], poses=self.poses[chosen])
+
+
+def views_of(
+    images: Sequence[np.ndarray], poses: np.ndarray, scene: Scene, blur_px: float = BLUR_PX
+) -> Views:
+    """Of pictures (120, 160, 3): the planes are brightness and yellow."""
+    soft = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), blur_px) for image in images]
+    red, green, blue = np.moveaxis(np.array(soft), -1, 0)
+    planes = np.stack(((red + green + blue) / 3, (red + green) / 2 - blue), -1)
+    return Views(planes.reshape(len(images), -1, 2), poses, scene, blur_px)
+
+
 def fit_camera(images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap) -> Fitted:
     """The camera after pictures (120, 160, 3) taken near poses (F, 3)."""
     few = np.linspace(0, len(images) - 1, min(12, len(images))).astype(int)
-    fewer = few[::2]
     scenes = {width: cover_scene(road_map, width) for width in WIDTHS}
-    soft = [planes_of(image, SOFT_PX) for image in images]
-    tried, seen = [], ([soft[k] for k in fewer], poses[fewer], scenes[1.0])
+    soft, sharp = (views_of(images, poses, scenes[1.0], px) for px in (SOFT_PX, BLUR_PX))
+    tried = []
     for height_m, off_rad in itertools.product(TRIED_M, TRIED_RAD):
         begin = np.array((height_m, USUAL[1] + off_rad, *USUAL[2:]))
-        tried.append(descend(*seen, begin, 2, None, SOFT_PX))
+        tried.append(descend(soft.some(few[::2]), begin, 2))
     tried = sorted(tried, key=attrgetter("share"))[-FINALISTS:]
-    seen = ([soft[k] for k in few], poses[few], scenes[1.0])
-    tried = [descend(*seen, each.values, 2, None, SOFT_PX) for each in tried]
+    tried = [descend(soft.some(few), each.values, 2) for each in tried]
     best = max(tried, key=attrgetter("share"))
     rival = rival_of(best, tried)
-    sharp = [planes_of(image, BLUR_PX) for image in images]
     kinds = []
     for width, scene in scenes.items():
-        some = [sharp[k] for k in few]
-        found = descend(some, poses[few], scene, best.values, 1, best.poses)
+        found = descend(sharp.some(few)._replace(scene=scene), best.values, 1, best.poses)
         kinds.append(found._replace(width=width))
     best = max(kinds, key=attrgetter("share"))
     scene = scenes[best.width]
-    near, _, _ = settle(soft, poses, scene, best.values, poses, SOFT_PX)
-    found = descend(sharp, poses, scene, best.values, 5, near)
+    near, _, _ = settle(soft._replace(scene=scene), best.values, poses)
+    found = descend(sharp._replace(scene=scene), best.values, 5, near)
     return found._replace(width=best.width, rival=rival)
 
 
@@ -214,28 +217,20 @@ def rival_of(best: Fitted, others: Sequence[Fitted]) -> np.ndarray | None:
     return None
 
 
-def descend(
-    pictures: Sequence[np.ndarray],
-    poses: np.ndarray,
-    scene: Scene,
-    values: np.ndarray,
-    steps: int,
-    begin: np.ndarray | None = None,
-    blur_px: float = BLUR_PX,
-) -> Fitted:
+def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None = None) -> Fitted:
     """Gauss and Newton's steps from values (7,); before each the poses find their places.
 
     Pictures that the map explains less well than most say nothing of the camera.
     """
-    now = poses.copy() if begin is None else begin.copy()
+    now = views.poses if at is None else at
     belief, count = np.diag(1.0 / POSE_SPREAD**2), len(NAMES)
     for _ in range(steps):
-        now, _, _ = settle(pictures, poses, scene, values, now, blur_px)
-        eye = Eye(scene, values, camera_too=True)
-        found = [explain(p, eye, pose, blur_px) for p, pose in zip(pictures, now, strict=True)]
+        now, _, _ = settle(views, values, now)
+        eye, pairs = Eye(views.scene, values, camera_too=True), zip(views.planes, now, strict=True)
+        found = [explain(planes, eye, pose, views.blur_px) for planes, pose in pairs]
         least = 0.9 * np.median([each.share for each in found])
         matrix, vector = np.diag(1.0 / SPREAD**2), (USUAL - values) / SPREAD**2
-        for each, off in zip(found, poses - now, strict=True):
+        for each, off in zip(found, views.poses - now, strict=True):
             if each.share < least:
                 continue
             own = np.linalg.inv(each.matrix[count:, count:] + belief)
@@ -249,26 +244,19 @@ def descend(
 
 
 def settle(
-    pictures: Sequence[np.ndarray],
-    poses: np.ndarray,
-    scene: Scene,
-    values: np.ndarray,
-    begin: np.ndarray,
-    blur_px: float = BLUR_PX,
-    steps: int = 3,
+    views: Views, values: np.ndarray, begin: np.ndarray, steps: int = 3
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poses (F, 3) of the eye in pictures taken near poses (F, 3), from ``begin`` on.
+    """Poses (F, 3) of the eye in the views, from ``begin`` on.
 
-    Returns:
-        The poses; roots (F, 3, 3) of their information; how much of each picture is explained.
+    Also roots (F, 3, 3) of their information, and how much of each picture is explained.
     """
-    eye, belief = Eye(scene, values, camera_too=False), np.diag(1.0 / POSE_SPREAD**2)
-    now, roots, shares = begin.copy(), np.zeros((len(poses), 3, 3)), np.zeros(len(poses))
-    for k, planes in enumerate(pictures):
+    eye, belief = Eye(views.scene, values, camera_too=False), np.diag(1.0 / POSE_SPREAD**2)
+    now, roots, shares = begin.copy(), np.zeros((len(begin), 3, 3)), np.zeros(len(begin))
+    for k, planes in enumerate(views.planes):
         for _ in range(steps):
-            seen = explain(planes, eye, now[k], blur_px)
+            seen = explain(planes, eye, now[k], views.blur_px)
             own = seen.matrix + belief
-            step = np.linalg.solve(own, seen.vector + belief @ (poses[k] - now[k]))
+            step = np.linalg.solve(own, seen.vector + belief @ (views.poses[k] - now[k]))
             now[k] += np.clip(step, -POSE_SPREAD, POSE_SPREAD)
         roots[k], shares[k] = np.linalg.cholesky(own).T, seen.share
     return now, roots, shares

@@ -26,21 +26,16 @@ def fit_command(
         recordings: MCAP files of drives on one map, best with overhead poses.
         out: the look, .yaml.
     """
-    console = Console(soft_wrap=True, highlight=False)
-    _fit(_drives(recordings, console), out, console)
+    _fit(recordings, out, Console(soft_wrap=True, highlight=False))
     return 0
 
 
-def _drives(recordings: Sequence[Path], console: Console) -> list[Recorded]:
-    from trainer.twin.recorded import read_drives
-
-    return read_drives(recordings, lambda line: console.print(line, markup=False))
-
-
-def _fit(drives: Sequence[Recorded], out: Path, console: Console) -> None:
+def _fit(recordings: Sequence[Path], out: Path, console: Console) -> list[Recorded]:
     from trainer.twin.fit import fit_twin, write_twin
     from trainer.twin.page import write_twin_page
+    from trainer.twin.recorded import read_drives
 
+    drives = read_drives(recordings, lambda line: console.print(line, markup=False))
     with console.status("fitting"):
         twin = fit_twin(drives)
     write_twin(twin, out)
@@ -52,6 +47,7 @@ def _fit(drives: Sequence[Recorded], out: Path, console: Console) -> None:
     for line in twin.unseen:
         console.print(line, markup=False)
     console.print(f"{out}; {page}", markup=False)
+    return drives
 
 
 def teach_command(
@@ -87,8 +83,7 @@ def teach_command(
     console = Console(soft_wrap=True, highlight=False)
     path = base_file(base)
     network, contract = load_base(path)
-    seen = _drives(recordings, console)
-    _fit(seen, out / "twin.yaml", console)
+    seen = _fit(recordings, out / "twin.yaml", console)
     looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
     person = examples_of(seen, contract, held_out=False)
     options = TeachConfig(steps)

@@ -11,7 +11,7 @@ import numpy as np
 from robot.contract import ImageSpec
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
-from trainer.twin.camera import rig_of
+from trainer.twin.camera import COLUMNS, ROWS, rig_of
 
 KINDS = ("white", "yellow", "outside", "asphalt")
 LEAST_PIXELS = 150  # by which a colour is known
@@ -49,8 +49,7 @@ def fit_colours(images: np.ndarray, drawn: np.ndarray, still: Sequence[np.ndarra
 
     ``still``: pictures that followed each other while the robot stood.
     """
-    rows, columns = np.mgrid[-1:1:120j, -1:1:160j]
-    far = 0.5 * (rows**2 + columns**2)  # 1 in the corners
+    far = 0.5 * (ROWS**2 + COLUMNS**2)  # 1 in the corners
     masks = members(drawn)
     levels = {kind: images[mask].astype(float) for kind, mask in masks.items()}
     radii = {kind: np.broadcast_to(far, mask.shape)[mask] for kind, mask in masks.items()}

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
 from robot.contract import DRIVE, PolicyContract
-from robot.inference.policy import OnnxPolicy
+from robot.errors import PlanError
+from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import preprocess
+from robot.navigation.path import path_input
+from robot.navigation.planner import LaneGraph, plan_path
 from robot.recording.topics import Turn
 from trainer.twin.recorded import Recorded
-from trainer.twin.ways import ways_driven
 
 HELD_OUT = 0.3  # of each drive, its last part
 MOVES_MPS = 0.05
 CLEAR_PM = 2.5  # curvature from which on somebody steers, not only drives on
 TAKEOVER_S, TAKEOVER_WEIGHT = 3.0, 4.0  # after a person took the wheel from the policy
+AHEAD_M, DETOUR = 0.6, 1.5  # beyond what a path input tells; how much longer the way may be
 
 
 class Examples(NamedTuple):
@@ -42,43 +46,57 @@ def examples_of(drives: Sequence[Recorded], contract: PolicyContract, held_out: 
                 continue
             if bend_pm is not None:
                 weight = TAKEOVER_WEIGHT if taken_s < TAKEOVER_S else 1.0
-                rows.append((drive.images[k], way, bend_pm, weight))
-    images = [preprocess(row[0], contract.image) for row in rows]
-    shape = (len(rows), *contract.image.shape)
-    bends_pm = np.array([row[2] for row in rows])
-    ours = np.array([_bend(wheels) or 0.0 for wheels in contract.actions])
+                image = preprocess(drive.images[k], contract.image)
+                rows.append((image, way, bend_pm, weight))
+    images, told, bends, weights = zip(*rows, strict=True) if rows else ((), (), (), ())
+    bends_pm = np.array(bends)
     return Examples(
-        np.array(images, np.uint8).reshape(shape),
-        np.array([row[1] for row in rows], np.float32) if contract.path_points else None,
-        np.abs(bends_pm[:, None] - ours).argmin(axis=1) if rows else np.zeros(0, int),
-        np.array([row[3] for row in rows]),
+        np.array(images, np.uint8).reshape(-1, *contract.image.shape),
+        np.array(told, np.float32) if contract.path_points else None,
+        np.abs(bends_pm[:, None] - _bends(contract)).argmin(axis=1),
+        np.array(weights),
         bends_pm,
     )
 
 
-def foretold(actions: np.ndarray, seen: Examples, contract: PolicyContract) -> tuple[int, int]:
-    """Of the moments when the person clearly steered, how many a policy steers to the same side.
+def ways_driven(drive: Recorded) -> list[Sequence[float] | None]:
+    """What a navigator would have been told of the way that was driven next, at each picture.
 
-    Returns:
-        Their number, and that of all.
+    A person who drives has no mission, so the lanes between the place where the robot believed to
+    be and that where it came are asked of the map. None where no such way leads there.
     """
-    ours = np.array([_bend(wheels) or 0.0 for wheels in contract.actions])
-    clear = np.abs(seen.bends_pm) > CLEAR_PM
+    told = drive.fused if len(drive.fused) else drive.overhead
+    times_s, poses = told[:, 0], np.column_stack((told[:, 1:3], np.unwrap(told[:, 3])))
+    gone_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+    graph, found = LaneGraph(drive.road_map), list[Sequence[float] | None]()
+    for time_s, turn in zip(drive.times_s, drive.turns, strict=True):
+        here = Pose(*(float(np.interp(time_s, times_s, part)) for part in poses.T))
+        then = int(np.searchsorted(gone_m, np.interp(time_s, times_s, gone_m) + AHEAD_M))
+        way: Sequence[float] | None = turn.path
+        if way is None and then < len(poses):
+            with suppress(PlanError):
+                path = plan_path(graph, here, (poses[then, 0], poses[then, 1]))
+                if path.length_m < DETOUR * AHEAD_M:
+                    way = path_input(path, here).tolist()
+        found.append(way)
+    return found
+
+
+def foretold(actions: np.ndarray, seen: Examples, contract: PolicyContract) -> tuple[int, int]:
+    """In how many moments a policy steers to the person's side, of so many of clear steering."""
+    ours, clear = _bends(contract), np.abs(seen.bends_pm) > CLEAR_PM
     same = np.sign(ours[actions[clear]]) == np.sign(seen.bends_pm[clear])
     return int(same.sum()), int(clear.sum())
 
 
-def told(policy: OnnxPolicy, seen: Examples) -> tuple[int, int]:
-    """See `foretold`; of one moment at least."""
-    return foretold(policy.act(seen.images, seen.paths), seen, policy.contract)
+def _bends(contract: PolicyContract) -> np.ndarray:
+    return np.array([_bend(wheels) or 0.0 for wheels in contract.actions])
 
 
 def _bend(wheels: Sequence[float]) -> float | None:
     """Curvature [1/m] of rim speeds; None where they stand."""
-    forward_mps = 0.5 * (wheels[0] + wheels[1])
-    if forward_mps < MOVES_MPS:
-        return None
-    return float((wheels[1] - wheels[0]) / DRIVE.baseline_m / forward_mps)
+    forward_mps, turn_radps = DRIVE.twist(WheelSpeeds(*wheels))
+    return turn_radps / forward_mps if forward_mps >= MOVES_MPS else None
 
 
 def _since_takeover(turns: Sequence[Turn]) -> list[float | None]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from scipy.optimize import least_squares
 
 from robot.errors import ConfigError
-from robot.geometry import wrap_angle
+from robot.geometry import compose, uncompose, wrap_angle
 from robot.output import write_text
 from robot.typed_config import read_yaml
 from sim_pybullet.look import NOMINAL, Look, look_from_plain
@@ -37,27 +36,20 @@ LEAST_SD = {
 }
 _COLOUR_LEVELS = 5.0
 _AS_SEEN: dict[str, Any] = {  # light and sensor leave colours as the camera showed them
-    "ground": {"brightness": 1.0},
-    "light": {
-        "elevation_rad": 1.5707,
-        "ambient": 0.6,
-        "diffuse": 0.4,
-        "gloss": {"uniform": [0, 0.2]},
-    },
-    "sensor": {
-        "exposure": {"log_uniform": [0.93, 1.07]},
-        "white_balance": [1.0, 1.0, 1.0],
-        "infrared": 0.0,
-    },
+    "ground.brightness": 1.0,
+    "light.elevation_rad": 1.5707,
+    "light.ambient": 0.6,
+    "light.diffuse": 0.4,
+    "light.gloss": {"uniform": [0, 0.2]},
+    "sensor.exposure": {"log_uniform": [0.93, 1.07]},
+    "sensor.white_balance": [1.0, 1.0, 1.0],
+    "sensor.infrared": 0.0,
 }
 _OUT_OF_SIGHT = ("blur_px", "shutter_s", "jpeg_quality", "grain", "patchiness", "shadows", "wear")
-
-
 Found = dict[str, tuple[Any, float]]
 
 
-@dataclass(frozen=True, eq=False)
-class Twin:
+class Twin(NamedTuple):
     """What a fit found: value and standard deviation by ``group.leaf``; colours are (3,)."""
 
     found: Found
@@ -68,29 +60,30 @@ class Twin:
     @property
     def look(self) -> Look:
         """The likeliest."""
-        groups: dict[str, dict[str, Any]] = {"light": {"elevation_rad": 1.5707}}
-        for name, (value, _) in self.found.items():
-            group, leaf = name.split(".")
-            groups.setdefault(group, {})[leaf] = value
-        return look_from_plain(groups)
+        likeliest = {name: value for name, (value, _) in self.found.items()}
+        return look_from_plain(_grouped({"light.elevation_rad": 1.5707, **likeliest}, {}))
 
     def plain(self) -> dict[str, Any]:
         """As the YAML of a look has it: around what was found, else as wide as ``randomised``."""
-        look = read_yaml(LOOKS_DIR / "randomised.yaml")
-        if "ground.asphalt_rgb" in self.found:
-            for group, leaves in _AS_SEEN.items():
-                look[group].update(leaves)
+        told = dict(_AS_SEEN) if "ground.asphalt_rgb" in self.found else {}
         for name, (value, sd) in self.found.items():
-            group, leaf = name.split(".")
             low, high = np.subtract(value, 2.0 * sd), np.add(value, 2.0 * sd)
-            if leaf.endswith("_rgb"):
+            if name.endswith("_rgb"):
                 low, high = np.clip(low, 0, 255), np.clip(high, 0, 255)
-            elif leaf.endswith(("_s", "noise", "vignetting", "frame_skip")):
+            elif name.endswith(("_s", "noise", "vignetting", "frame_skip")):
                 low = np.maximum(low, 0.0)
-            ends = [np.round(end, 4).tolist() for end in (low, high)]
-            look[group][leaf] = {"uniform": ends}
+            told[name] = {"uniform": [np.round(end, 4).tolist() for end in (low, high)]}
+        look = _grouped(told, read_yaml(LOOKS_DIR / "randomised.yaml"))
         look_sampler(look, "twin")
         return look
+
+
+def _grouped(told: dict[str, Any], look: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """A look with values by ``group.leaf`` put into it."""
+    for name, value in told.items():
+        group, leaf = name.split(".")
+        look.setdefault(group, {})[leaf] = value
+    return look
 
 
 def write_twin(twin: Twin, out: Path) -> None:
@@ -158,9 +151,8 @@ def _still(drive: Recorded) -> list[np.ndarray]:
 def _track(drive: Recorded, near: np.ndarray, scene: Any, camera: seen.Fitted) -> moved.Told:
     """Where the eye was in the drive's pictures, as far as they tell."""
     few = np.unique(np.linspace(0, len(drive.images) - 1, TRACKED).astype(int))
-    planes = [seen.planes_of(drive.images[k], seen.BLUR_PX) for k in few]
-    found = seen.settle(planes, near[few], scene, camera.values, near[few], steps=4)
-    poses, roots, shares = found
+    views = seen.views_of(drive.images[few], near[few], scene)
+    poses, roots, shares = seen.settle(views, camera.values, views.poses, steps=4)
     fair = shares >= _FAIR * camera.share
     matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
     sure = np.swapaxes(np.linalg.cholesky(matrices), 1, 2)
@@ -228,13 +220,9 @@ def camera_delay(
     drives: Sequence[Recorded], told: Sequence[moved.Told], motion: moved.Motion
 ) -> tuple[float, float]:
     """How late pictures are after overhead poses [s], and its standard deviation."""
-    eye = motion.values[len(moved.NAMES) :]
-    ways = []
-    for each in told:
-        axle = each.poses - (0.0, 0.0, eye[2])
-        arm = moved.eye_of(np.column_stack((np.zeros((len(axle), 2)), axle[:, 2])), eye)
-        axle[:, :2] -= arm[:, :2]
-        ways.append(moved.smoothed(each._replace(poses=axle), motion))
+    eye = motion.values[None, len(moved.NAMES) :]
+    axles = [each._replace(poses=uncompose(each.poses, eye)) for each in told]
+    ways = [moved.smoothed(axle, motion) for axle in axles]
     spread = np.array((0.1, 0.01, 0.01, 0.02))  # of delay, and of what the eye's place is wrong by
 
     def off(guess: np.ndarray, keep: float = 0.0) -> np.ndarray:
@@ -242,7 +230,7 @@ def camera_delay(
         for drive, way in zip(drives, ways, strict=True):
             times_s, poses = drive.overhead[:, 0], drive.overhead[:, 1:]
             late = moved.at_times(way, times_s + guess[0])
-            missed = poses - moved.eye_of(late, guess[1:])
+            missed = poses - compose(late, guess[None, 1:])
             missed[:, 2] = wrap_angle(missed[:, 2])
             missed /= (0.03, 0.03, 0.09)
             gaps = np.diff(times_s)[:, None]

@@ -8,14 +8,14 @@ delay, and where on the robot the eye sits that told the poses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from robot.contract import DRIVE
-from robot.geometry import wrap_angle
+from robot.geometry import compose, wrap_angle
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S, MotorModel
 
@@ -48,8 +48,7 @@ def from_above(commands: np.ndarray, told: np.ndarray) -> Told:
     return Told(commands, told[order, 0], told[order, 1:], roots, 8.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(NamedTuple):
     """What was found: values and standard deviations (9,), of ``NAMES`` and ``EYE``."""
 
     values: np.ndarray
@@ -82,31 +81,17 @@ def reckoned(commands: np.ndarray, values: np.ndarray) -> np.ndarray:
     twists = np.zeros((len(values), len(commands), 2))
     for k, wheels in enumerate(commands):
         twists[:, k] = model.step(np.tile(wheels, (len(values), 1)), rng)
-    return _integrated(twists)
-
-
-def _integrated(twists: np.ndarray) -> np.ndarray:
-    """Poses (P, K + 1, 3) along twists (P, K, 2), from the origin on."""
-    zero = np.zeros((len(twists), 1))
-    heading = np.concatenate((zero, np.cumsum(twists[..., 1] * PHYSICS_DT_S, axis=1)), axis=1)
-    middle, step = heading[:, :-1] + 0.5 * np.diff(heading, axis=1), twists[..., 0] * PHYSICS_DT_S
-    x = np.concatenate((zero, np.cumsum(step * np.cos(middle), axis=1)), axis=1)
-    y = np.concatenate((zero, np.cumsum(step * np.sin(middle), axis=1)), axis=1)
-    return np.stack((x, y, heading), axis=-1)
+    zero = np.zeros((len(twists), 1, 3))
+    step, turn = np.moveaxis(twists * PHYSICS_DT_S, -1, 0)
+    middle = np.cumsum(turn, axis=1) - 0.5 * turn
+    moves = np.stack((step * np.cos(middle), step * np.sin(middle), turn), axis=-1)
+    return np.concatenate((zero, np.cumsum(moves, axis=1)), axis=1)
 
 
 def at_times(track: np.ndarray, times_s: np.ndarray, late_s: float = 0.0) -> np.ndarray:
     """(T, 3) of a reckoned track (K + 1, 3); headings are not wrapped."""
     grid_s = np.arange(len(track)) * PHYSICS_DT_S
     return np.stack([np.interp(times_s - late_s, grid_s, part) for part in track.T], axis=1)
-
-
-def eye_of(poses: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """Poses (T, 3) of an eye that sits so far ahead and to the left, turned (3,)."""
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    forward, left, yaw = eye
-    shift = (forward * c - left * s, forward * s + left * c, np.full(len(c), yaw))
-    return np.asarray(poses + np.stack(shift, axis=1))
 
 
 def laid(ours: np.ndarray, told: np.ndarray, roots: np.ndarray) -> np.ndarray:
@@ -169,7 +154,7 @@ def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
         rows = []
         for track, guess in zip(reckoned(drive.commands, values), values, strict=True):
             at = at_times(track, drive.times_s, guess[5])
-            ours = eye_of(at, guess[len(NAMES) :])
+            ours = compose(at, guess[None, len(NAMES) :])
             off = []
             for part in pieces(drive.times_s, drive.piece_s):
                 told, roots = drive.poses[part], drive.roots[part]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,11 +32,4 @@ def write_twin_page(twin: Twin, drive: Recorded, path: Path) -> None:
     both = twin.pictures, twin_pictures(twin, drive)
     chosen = np.linspace(0, len(twin.pictures) - 1, SHOWN).astype(int)
     pairs = [[base64.b64encode(png(some[k])).decode("ascii") for some in both] for k in chosen]
-    found = [(name, _told(value), f"{2.0 * sd:.3g}") for name, (value, sd) in twin.found.items()]
-    write_page("twin.html", path, twin=twin, seconds=drive.seconds, pairs=pairs, found=found)
-
-
-def _told(value: Any) -> str:
-    if isinstance(value, list):
-        return ", ".join(f"{each:.0f}" for each in value)
-    return f"{value:.4g}"
+    write_page("twin.html", path, twin=twin, seconds=drive.seconds, pairs=pairs)

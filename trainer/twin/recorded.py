@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,8 +19,7 @@ from sim_pybullet.motors import PHYSICS_DT_S
 LEAST_S = 20.0  # that a drive must last
 
 
-@dataclass(frozen=True, eq=False)
-class Recorded:
+class Recorded(NamedTuple):
     """One drive. Times [s] are of the robot's clock, from the first turn on.
 
     ``commands`` are rim speeds (K, 2) [m/s] as sent, at each `PHYSICS_DT_S`. Pictures (F) are the
@@ -59,11 +57,7 @@ class UnfitError(ConfigError):
 
 
 def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Recorded]:
-    """Those that tell enough; of the others it is told why not.
-
-    Raises:
-        ConfigError: none is left, or one is no recording.
-    """
+    """Those that tell enough; of the others it is told why not. ConfigError if none is left."""
     drives = []
     for path in paths:
         try:

@@ -31,6 +31,7 @@ from trainer.division import division
 from trainer.export import check_equal, noise_seen
 from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.learners.policies import build_policy
+from trainer.resumable import descend, set_rate
 from trainer.twin.examples import Examples
 
 
@@ -129,8 +130,7 @@ def teach(
             taken = np.where(rng.random(robots) < config.random_share, chance, taken)
             observed[k] = world.step(taken).observation
         if step % config.every == 0:
-            for group in optimiser.param_groups:
-                group["lr"] = config.rate * (1.0 - 0.9 * step / config.steps)
+            set_rate([optimiser], config.rate * (1.0 - 0.9 * step / config.steps))
             rows = rng.integers(count, size=config.batch)
             drawn = {name: part[rows] for name, part in seen.items()}
             _update(network, optimiser, drawn, actions[rows], person, config.recorded, rng)
@@ -175,9 +175,6 @@ def _update(
         actions = np.concatenate((actions, person.actions[chosen]))
         told: dict[str, Any] = {"image": person.images, "path": person.paths}
         seen = {name: np.concatenate((part, told[name][chosen])) for name, part in seen.items()}
-    parts = (torch.from_numpy(part) for part in seen.values())
-    loss = cross_entropy(network.logits(*parts), torch.from_numpy(actions))
-    optimiser.zero_grad()
-    loss.backward()
-    torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
-    optimiser.step()
+    features = network.features({name: torch.from_numpy(part) for name, part in seen.items()})
+    loss = cross_entropy(unhedged(network.head)(features), torch.from_numpy(actions))
+    descend(optimiser, loss, 10.0)

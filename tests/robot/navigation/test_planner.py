@@ -214,7 +214,7 @@ def test_the_way_on_is_long_enough_and_turns_left_only_where_it_must(name: str) 
         begin = way.project(start.x_m, start.y_m)
         assert abs(begin.offset_m) < 0.01
         assert np.hypot(*np.diff(way.points_m, axis=0).T).max() < 0.03, "it is one line"
-        assert graph.road_map.on_road(*way.points_m.T).all()
+        assert all(graph.road_map.on_road(x, y) for x, y in way.points_m.tolist())
 
 
 def test_the_way_on_over_a_junction_is_straight_or_else_to_the_right() -> None:

@@ -18,7 +18,7 @@ from trainer.algorithms.a3c import A3C, A3cConfig, Shared, SharedRmsprop
 from trainer.config import RunConfig
 from trainer.presets import preset
 from trainer.run import RunFolder
-from trainer.training.checkpoint import TrainState, load_checkpoint, save_checkpoint
+from trainer.training.checkpoint import TrainState, read_state, save_checkpoint
 from trainer.training.crew import PeerLostError
 
 
@@ -176,7 +176,7 @@ def test_a_checkpoint_keeps_the_shared_statistics(tmp_path: Path) -> None:
     model.learn(600)
     save_checkpoint(tmp_path / "checkpoint.pt", model, TrainState())
     fresh = model_of(config)
-    load_checkpoint(tmp_path / "checkpoint.pt", fresh)
+    read_state(tmp_path / "checkpoint.pt", fresh)
     assert fresh.num_timesteps == model.num_timesteps >= 600
     squares = model.optimiser.shared.squares
     assert torch.equal(fresh.optimiser.shared.squares, squares)

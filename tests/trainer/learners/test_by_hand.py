@@ -65,7 +65,9 @@ def test_a_path_has_a_branch_of_its_own_beside_the_picture() -> None:
     image = torch.randint(0, 256, (2, *config.image.shape), dtype=torch.uint8)
     path = torch.rand(2, 10)
     seen = features({"image": image, "path": path})
-    torch.testing.assert_close(seen[:, :20], features._look(image))
+    pixels = image.float().permute(0, 3, 1, 2) / 255.0
+    looked = features.image_fc(features.convolutions(pixels).flatten(1))
+    torch.testing.assert_close(seen[:, :20], looked)
     torch.testing.assert_close(seen[:, 20:], features.path_fc(path))
 
 
@@ -132,7 +134,6 @@ def test_who_drove_when_a_process_died_was_cut_off_and_did_not_fail(tmp_path: Pa
     for _ in range(2):
         buffer.add(seen, seen, np.ones(3), np.full(3, 2.0), done, infos)
     assert int(buffer.rows[0]) == 2
-    buffer.close()
     again = opened()
     assert again.timeouts[0].tolist() == [0.0, 0.0, 1.0]
     assert again.timeouts[1].tolist() == [0.0, 1.0, 1.0]

@@ -23,12 +23,12 @@ from tests.trainer.toy import (
 )
 from trainer.algorithms.ddqn import DoubleDQN
 from trainer.config import RunConfig
+from trainer.envs import SeenOtherwise
 from trainer.learners.actor_critic import ActorCriticConfig, entropies
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy, learning_rates
-from trainer.learners.world import ScaledReward
 from trainer.run import RunFolder
-from trainer.training.checkpoint import TrainState, load_checkpoint, load_policy, save_checkpoint
+from trainer.training.checkpoint import TrainState, load_policy, read_state, save_checkpoint
 from trainer.training.train import train
 from trainer.training.watch import drive_greedily
 
@@ -94,7 +94,7 @@ def test_a_checkpoint_brings_back_what_went_in(algorithm: str, tmp_path: Path) -
     model.learn(600)
     save_checkpoint(tmp_path / "checkpoint.pt", model, TrainState(seconds=12.5))
     fresh = build_model(config, make_toy(config, config.learn.robots, 0), tmp_path / "b")
-    state = load_checkpoint(tmp_path / "checkpoint.pt", fresh)
+    state = read_state(tmp_path / "checkpoint.pt", fresh)
     assert state == TrainState(seconds=12.5)
     assert fresh.num_timesteps == model.num_timesteps
     weights = fresh.policy.state_dict()
@@ -186,7 +186,7 @@ def test_the_record_has_the_whole_reward_and_the_learner_its_share(tmp_path: Pat
     config = replace(toy_config("dagger", 600), reward_scale=0.25)
     train_toy(config, tmp_path)
     assert {e.reward for e in RunFolder(tmp_path).episodes()} <= set(map(float, range(17)))
-    scaled = ScaledReward(make_toy(config, 8, 0), 0.25)
+    scaled = SeenOtherwise(make_toy(config, 8, 0), lambda seen, _: seen, reward_scale=0.25)
     scaled.reset()
     rewards = np.concatenate([scaled.step(np.zeros(8, dtype=int))[1] for _ in range(10)])
     assert set(rewards.tolist()) == {0.0, 0.25}

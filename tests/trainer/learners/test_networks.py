@@ -9,13 +9,12 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from robot.contract import ACTION_TWISTS, PATH_POINTS
 from robot.errors import ContractError
 from trainer.algorithms import NAMES, find_algorithm
-from trainer.config import RunConfig
+from trainer.config import NetConfig, RunConfig
 from trainer.learners.networks import (
     DrivingFeatures,
     DuelingPolicy,
     GreedyNetwork,
     QPolicy,
-    observation_shapes,
 )
 from trainer.learners.policies import build_policy, observation_space, policy_arguments
 from trainer.presets import preset
@@ -87,7 +86,7 @@ def test_paper_network_has_the_size_of_nature_cnn_plus_its_third_layer() -> None
 
 def test_what_is_no_picture_is_refused() -> None:
     with pytest.raises(ContractError, match="expected a picture"):
-        observation_shapes(spaces.Box(0, 255, (3, 40, 80), np.uint8))
+        DrivingFeatures(spaces.Box(0, 255, (3, 40, 80), np.uint8), NetConfig())
 
 
 def test_an_actor_critic_without_entropy_can_be_built() -> None:
@@ -154,6 +153,6 @@ def test_of_stacked_pictures_only_what_differs_from_grey_is_seen(name: str) -> N
     torch.manual_seed(0)  # one small network in many is born blind
     policy = policy_for(config, space)
     assert isinstance(policy, ActorCriticPolicy)
-    grey = torch.full((1, *observation_shapes(space)[0]), 127.5)
+    grey = torch.full((1, *(space.shape or ())), 127.5)
     assert torch.count_nonzero(policy.features_extractor(grey)) == 0  # biases begin at 0
     assert torch.count_nonzero(policy.features_extractor(grey + 1.0)) > 0

@@ -68,7 +68,6 @@ def test_n_step_returns_stop_at_the_end_of_an_episode(tmp_path: Path) -> None:
 def test_contents_outlive_the_process_and_lead_nowhere(tmp_path: Path) -> None:
     buffer = open_buffer(tmp_path)
     fill(buffer, 0, 6)
-    buffer.close()
     again = open_buffer(tmp_path)
     assert (again.pos, again.full) == (6, False)
     fill(again, 100, 3)
@@ -84,7 +83,6 @@ def test_half_written_row_is_repaired(tmp_path: Path) -> None:
     fill(buffer, 0, 14)  # 10 rows: the oldest four are overwritten
     buffer.seen["image"][buffer.pos] = 200
     buffer.rewards[buffer.pos] = np.nan
-    buffer.close()
     again = open_buffer(tmp_path)
     assert (again.pos, again.full) == (4, True)
     batch = sample_all(again)
@@ -113,10 +111,3 @@ def test_too_little_disk_is_said_before_anything_is_written(tmp_path: Path) -> N
     with pytest.raises(ConfigError, match="GB free"):
         open_buffer(tmp_path, spaces.Box(0, 255, (999, 999, 3), np.uint8), size=10**7)
     assert not any(tmp_path.iterdir())
-
-
-def test_deleted_with_its_run(tmp_path: Path) -> None:
-    buffer = open_buffer(tmp_path / "replay")
-    fill(buffer, 0, 2)
-    buffer.close(delete=True)
-    assert not (tmp_path / "replay").exists()

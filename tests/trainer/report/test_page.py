@@ -31,7 +31,7 @@ def make_run(path: Path, algorithm: str = "ppo", seed: int = 0, task: str = "lan
     log = EpisodeLog(folder)
     for step in range(16, 640, 16):
         log.add(episode(step))
-    log.close()
+    log.file.close()
     return folder
 
 

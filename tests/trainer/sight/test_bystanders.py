@@ -11,7 +11,7 @@ from robot.safety.governors import NOSE_M
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic.lights import lamps
-from trainer.sight.bystanders import Bystanders, half_m
+from trainer.sight.bystanders import half_m
 from trainer.sight.pictures import FREE, ROBOTS, THING, drive, label, missions
 
 TOWN = load_map("town")
@@ -82,4 +82,4 @@ def test_bystanders_are_seen_near_and_far_and_never_driven_through() -> None:
 
 
 def test_without_a_seed_nobody_stands_anywhere() -> None:
-    assert Bystanders([TOWN], ROBOTS, 1.0).moving(np.zeros((ROBOTS, 3))) is None
+    assert missions([TOWN]).moving(np.zeros((ROBOTS, 3))) is None

@@ -18,8 +18,7 @@ from tests.trainer.chores import Chore, ToyTraining
 from tests.trainer.toy import make_toy, toy_config
 from trainer.processes import RayProcesses
 from trainer.run import RunFolder
-from trainer.sweeps.perform import last_words, perform
-from trainer.sweeps.sweep import RETRIES
+from trainer.sweeps.sweep import RETRIES, last_words, perform
 from trainer.training.train import train
 
 ray = pytest.importorskip("ray")

@@ -8,11 +8,11 @@ from robot.errors import ConfigError, DuckpilotError
 from robot.output import write_json
 from tests.trainer.chores import Chore
 from trainer.cli import main
-from trainer.options import EvaluateOptions, TrainOptions
+from trainer.options import EvaluateOptions, SweepOptions, TrainOptions
 from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob, combinations, evaluate_jobs
-from trainer.sweeps.sweep import SweepOptions, run_sweep
+from trainer.sweeps.sweep import run_sweep
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,12 @@ def test_seeds_are_given_once(tmp_path: Path) -> None:
 def test_evaluations_lie_beside_their_models_and_share_no_episode(tmp_path: Path) -> None:
     many = matrix(tmp_path, "model: [a/model.onnx, b/model.onnx]\nzero: [null, image]")
     jobs = evaluate_jobs(tmp_path / "e.json", EvaluateOptions(episodes=7), False, many)
-    assert [job.json.name for job in jobs if job.json][:2] == [
+    assert [job.out.name for job in jobs][:2] == [
         "e_model-a-model.onnx_zero-None.json",
         "e_model-a-model.onnx_zero-image.json",
     ]
     beside = evaluate_jobs(None, EvaluateOptions("a/model.onnx"), True, SweepOptions(seeds=2))
-    assert [str(job.json) for job in beside] == [
+    assert [str(job.out) for job in beside] == [
         "a/evaluation_seed-1000.json",
         "a/evaluation_seed-1100.json",
     ]

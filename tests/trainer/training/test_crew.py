@@ -18,12 +18,11 @@ from robot.errors import ConfigError
 from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.config import RunConfig
 from trainer.envs import make_env
-from trainer.options import TrainOptions
+from trainer.options import TrainOptions, WorkerOptions
 from trainer.presets import preset
 from trainer.processes import Ended, LocalProcesses
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob
-from trainer.sweeps.sweep import WorkerOptions
 from trainer.training.crew import Crew, good_number, share_of
 from trainer.training.train import train
 
@@ -135,11 +134,11 @@ class Nobody:
     host, cores = "127.0.0.1", 2
 
     def __init__(self, status: int | None = None) -> None:
-        self.orders: list[Any] = []
+        self.ranks: list[int] = []
         self.status = status
 
-    def start(self, do: Any, *orders: Any) -> None:
-        self.orders += orders
+    def start(self, do: Any, rank: int, *orders: Any) -> None:
+        self.ranks.append(rank)
 
     def ended(self, process: Any) -> Ended | None:
         return None if self.status is None else Ended(self.status, "")
@@ -158,7 +157,7 @@ def test_who_waits_for_followers_can_be_stopped(tmp_path: Path) -> None:
 
     model = SimpleNamespace(num_timesteps=0)  # has no learn: nobody may ask for it
     crew.learn(cast(Any, model), 100, None, stopped)
-    assert [order.rank for order in launcher.orders] == [1]
+    assert launcher.ranks == [1]
     assert len(asked) == 3
 
 

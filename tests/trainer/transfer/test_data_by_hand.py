@@ -252,7 +252,7 @@ def test_an_export_may_differ_by_one_level() -> None:
         if abs(off) <= 1:
             check_translator(network, exported, pictures)  # type: ignore[arg-type]
         else:
-            with pytest.raises(ContractError, match="within 1 grey level, they differ by 2"):
+            with pytest.raises(ContractError, match="within 1, they differ by 2"):
                 check_translator(network, exported, pictures)  # type: ignore[arg-type]
 
 
