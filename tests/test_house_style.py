@@ -11,7 +11,7 @@ PACKAGES = ("robot", "trainer", "sim_pybullet", "localizer_node", "tools")
 FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 MAX_FILE_LINES = 350
 MAX_FUNCTION_LINES = 50
-MAX_LINES = 41_710
+MAX_LINES = 40_000
 
 
 def lines_of(path: Path) -> int:
