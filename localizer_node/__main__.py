@@ -8,12 +8,10 @@ import math
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from localizer_node import calibrate
 from localizer_node.calibration import Calibration
-from localizer_node.detect import Detection, annotated
-from localizer_node.node import Localizer, locate_frame
 from localizer_node.sources import open_source
 from robot.camera.files import read_picture
 from robot.command_line import OneLineParser, answer, spoken, whole
@@ -21,6 +19,9 @@ from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import LinkConfig, Publisher
 from robot.output import expect_writable, write_json, write_png
 from robot.typed_config import load_yaml, to_plain
+
+if TYPE_CHECKING:
+    from localizer_node.detect import Detection
 
 STDOUT = "-"
 Publish = Callable[[Tuple[Sighting, ...], float], None]  # of poses, and when they were seen [s]
@@ -50,6 +51,8 @@ def main(argv: Optional[Sequence[str]] = None, prog: str = "python -m localizer_
 
 def run_command(arguments: argparse.Namespace) -> None:
     """Follow the robots until the source ends; publish their poses, or print them as JSON lines."""
+    from localizer_node.node import Localizer
+
     calibration = load_yaml(Calibration, arguments.calibration)
     frames = open_source(arguments.source, calibration.lens, arguments.fps)
     with ExitStack() as open_links:
@@ -81,6 +84,9 @@ def _print_lines(poses: Tuple[Sighting, ...], t_capture_s: float) -> None:
 
 def locate_command(arguments: argparse.Namespace) -> None:
     """Find the robots in one picture, and tell or draw them."""
+    from localizer_node.detect import annotated
+    from localizer_node.node import locate_frame
+
     json_file = None if arguments.json in (None, STDOUT) else Path(arguments.json)
     expect_writable(json_file, arguments.picture, inputs=[arguments.image, arguments.calibration])
     image = read_picture(arguments.image)

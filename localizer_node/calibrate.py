@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import List, NamedTuple, Sequence, Tuple
 
-import cv2
 import numpy as np
 
 from localizer_node.calibration import (
@@ -18,7 +17,6 @@ from localizer_node.calibration import (
     map_outline,
     save_calibration,
 )
-from localizer_node.detect import annotated
 from robot.bringup.camera_place import CameraFit, Freedom, fit_camera
 from robot.camera.files import read_picture
 from robot.command_line import number, pair
@@ -163,6 +161,8 @@ def _parallax_sigma_mm(fit: CameraFit, map_size_m: Tuple[float, float], tallest_
 
 def _roi(calibration: Calibration, height_m: float) -> Tuple[Tuple[float, float], ...]:
     """The picture of the map and ``ROI_MARGIN_M`` around it, on the floor and at board height."""
+    import cv2
+
     outline = map_outline(calibration.map_size_m)
     middle = np.array(calibration.map_size_m) / 2.0
     outline = middle + (outline - middle) * (1.0 + ROI_MARGIN_M / middle)
@@ -214,6 +214,8 @@ def make(arguments: argparse.Namespace) -> None:
     report = calibrate(points, lens, freedom, map_size_m, robots)
     save_calibration(report.calibration, arguments.out)
     if arguments.picture:
+        from localizer_node.detect import annotated
+
         write_png(arguments.picture, annotated(image, report.calibration, ()))
     x, y, height = report.calibration.hanging.position_m
     print(f"{arguments.out}: residual {report.calibration.residual_mm:.1f} mm RMS", end=", ")

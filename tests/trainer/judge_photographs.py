@@ -42,7 +42,7 @@ from tests.trainer.judging.yellow_line import (
     fit_line,
     floor_table,
 )
-from trainer.division import PARTS, division
+from trainer.division import division
 
 FILE = Path(__file__).with_name("photographs.yaml")
 SEERS = tuple(
@@ -341,7 +341,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("photographs", type=Path, help="the folder of the sites' folders")
     told = "policies, and sight by its name, .onnx; else the shipped ones"
     parser.add_argument("--models", type=Path, nargs="+", default=SEERS, help=told)
-    parser.add_argument("--part", choices=PARTS[1:], default="judging")
+    parser.add_argument("--part", choices=("choosing", "judging"), default="judging")
     parser.add_argument("--json", type=Path, help="write the figures, site by site")
     options = parser.parse_args(arguments)
     return answer("judge_photographs", lambda: judge_all(options))

@@ -37,7 +37,7 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     add("--missions", type=whole(1, 100_000), default=1, help="how many, each to a random place")
     add("--start", type=place, metavar="X,Y", help="where the first begins [m]; else anywhere")
     add("--goal", type=place, metavar="X,Y", help="where the only mission leads [m]")
-    add("--sight", type=Path, help="ONNX; it alone tells the place, after the first pose")
+    add("--sight", type=Path, help="ONNX; it alone tells the place, without a localizer")
     add(
         "--driver",
         choices=("policy", "expert", "person"),

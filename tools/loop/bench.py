@@ -60,6 +60,7 @@ class BenchOptions:
     record: bool = False  # the robot's drives
     recordings: Path | None = None  # where; else in the bench's folder
     sight: Path | None = None  # by which the robot knows where it is, too
+    localizer: bool = True  # else it is never started
     page: tuple[str, ...] = ()  # options of the monitor
     among: bool = False  # with a second robot and room for a duck: each keeps its distance
     leader: Path | None = None  # the second's model where the first one's keeps its lane, by sight
@@ -117,7 +118,8 @@ class Bench:
         self.time: Timekeeper = (
             Conductor(folder, (*PROGRAMS, *OF_SECOND)) if options.lockstep else Timekeeper()
         )
-        self.programs = (*PROGRAMS, *(OF_SECOND if options.among else ()))
+        first = [name for name in PROGRAMS if options.localizer or name != "localizer"]
+        self.programs = (*first, *(OF_SECOND if options.among else ()))
         scene = self.road_map, options.look, self.time, folder, options.seed
         self.town = VirtualTown(*scene, options.among)
         self.keys = keygen(folder / "keys")
@@ -242,7 +244,8 @@ class Bench:
             self.operator.look()
             heard = ("operator",) if self.options.sight else ("pose", "operator")
             ages_s = [self.operator.age_s(name) for name in heard]
-            knows = self.options.leader or self.operator.robot.get("pose")
+            poseless = self.options.leader or not self.options.localizer
+            knows = self.operator.robot.get("pose") or (poseless and self.operator.robot)
             return bool(knows) and max(ages_s) < FRESH_S
 
         self.until(met, START_S, "robot, localizer and monitor to hear each other", PAUSE_S)

@@ -227,6 +227,7 @@ def _drive_at(
             *(options.model, options.map, site.look, options.seed + driven, not options.realtime),
             robot_python=options.robot_python,
             sight=options.sight,
+            localizer=options.sight is None,
             record=options.record is not None,
             recordings=options.record,
         ),
@@ -240,10 +241,11 @@ def _drive_at(
     with bench:
         while len(rows) < until:
             began_s, lived_s = time.monotonic(), bench.now_s
-            if len(rows) > driven and not rows[-1]["arrived"]:
+            lost = len(rows) > driven and not rows[-1]["arrived"]
+            if lost:
                 driver.carry()
-            if options.sight:
-                driver.hide()
+            if options.sight and (lost or len(rows) == driven):
+                driver.find()
             record = driver.drive(options.goal)
             figures = row(record, time.monotonic() - began_s, bench.now_s - lived_s)
             rows.append({"site": site.name, **figures})

@@ -18,6 +18,8 @@ SHORTEST_M = 1.0  # a mission is at least so long
 DAWDLE_MPS = 0.1  # a mission slower than this on average is given up
 SETTLE_S = 3.0  # until a robot that was carried is found again
 ANSWER_S = 10.0
+FIND_S = 90.0  # for a robot without localizer to be sure of its place,
+TOLD_M, TOLD_RAD = 0.1, math.radians(20.0)  # of which a person knows so much
 STILL_S = 0.5  # without a step: the robot stands
 PAUSE_S = 1.0  # a person looks before they arm again
 RECORDED_S = 4.5  # at rest: the robot has completed its recording
@@ -87,14 +89,23 @@ class Driver:
         pose = self.anywhere()
         self.bench.revive()
         self.bench.town.world.place(pose)
-        self.bench.until(self._found, ANSWER_S + SETTLE_S, "the robot to find itself")
+        if self.bench.options.localizer:
+            self.bench.until(self._found, ANSWER_S + SETTLE_S, "the robot to find itself")
 
-    def hide(self) -> None:
-        """Let the robot know its place well, then end the localizer, if it still runs."""
-        if self.bench.processes["localizer"].alive:
-            settled_s = self.bench.now_s + SETTLE_S
-            self.bench.until(lambda: self.bench.now_s > settled_s, 2.0 * SETTLE_S, "poses")
-            self.bench.stop("localizer")
+    def find(self) -> None:
+        """A person tells roughly where the robot stands, and lets it drive on until it is sure."""
+        operator = self.bench.operator
+        self.rest()
+        away_m, aside_rad = self._rng.uniform(0.0, TOLD_M), self._rng.uniform(-math.pi, math.pi)
+        told = self.bench.town.pose.moved(0.0, aside_rad).moved(away_m, 0.0).moved(0.0, -aside_rad)
+        told = told.moved(0.0, self._rng.uniform(-TOLD_RAD, TOLD_RAD))
+        ahead = told.moved(1.0, 0.0)
+        operator.ask("place", ahead[:2], start=told[:2])
+        for kind in ("arm", "auto"):
+            operator.ask(kind)
+        self.rest()
+        stands = lambda: self._look() is not None and operator.state != "AUTO"  # noqa: E731
+        self.bench.until(stands, FIND_S, "the robot to know its place")
 
     def drive(self, destination: tuple[float, float] | None = None) -> MissionRecord:
         """One mission from where the robot is; to a random place unless told."""

@@ -84,11 +84,11 @@ def test_judged_in_reality_and_with_the_arenas_pose_error_and_nowhere_else(tmp_p
 def test_every_model_is_judged_by_its_own_run_untranslated(tmp_path):
     runs = {job.out: job.options for job in trainings(tmp_path, OPTIONS, models(OPTIONS))}
     for job in drives(tmp_path, OPTIONS, models(OPTIONS)):
-        assert job.json.parent in runs
-        assert job.options.model == str(job.json.parent / "model.onnx")
+        assert job.out.parent in runs
+        assert job.options.model == str(job.out.parent / "model.onnx")
         assert job.options.translate is None
         laps = job.options.task == "four_laps"
-        assert runs[job.json.parent].task == ("lane" if laps else "navigation")
+        assert runs[job.out.parent].task == ("lane" if laps else "navigation")
     assert FIRST_SEED % 160 == 0
 
 

@@ -13,7 +13,7 @@ from trainer.transfer.networks import PictureTranslator, as_bytes
 CPU = torch.device("cpu")
 HEIGHT, WIDTH = 16, 24
 BLUE, WARM = torch.tensor([-0.8, -0.8, -0.2]), torch.tensor([0.2, -0.2, -0.8])
-STEPS = 90
+STEPS = 60
 
 
 def stripes(ground: torch.Tensor, count: int, generator: torch.Generator) -> torch.Tensor:
