@@ -176,8 +176,7 @@ class PoseFusion:
         innovation[:, 2] = wrap_angle(innovation[:, 2])
         known = np.isfinite(state[:, 0]) & np.isfinite(since[:, 0])
         distance = _update(state, covariance, innovation, design, jitter)
-        covariance += covariance.transpose(0, 2, 1).copy()  # keeps rounding from growing
-        covariance *= 0.5
+        _mend(covariance)
         self._bound(state, covariance)
         taken = lost | (fresh & known & (distance < self.config.gate))
         # Who was lost is where it was measured, with that error. What it learned of its wheels led
@@ -205,6 +204,7 @@ class PoseFusion:
         innovation, design, noise = compare(poses, since)
         known = np.isfinite(innovation).all(axis=1) & np.isfinite(poses).all(axis=1)
         distance = _update(state, covariance, innovation, design, noise)
+        _mend(covariance)
         self._bound(state, covariance)
         taken = known & (distance < self.config.gate)
         self._take(taken, state, since, covariance)
@@ -288,6 +288,12 @@ class PoseFusion:
                 share = covariance[:, :, number] / covariance[:, number, number, None]
                 state -= share * excess[:, None]
         state[:, _CALIBRATION] = np.clip(state[:, _CALIBRATION], -bounds, bounds)
+
+
+def _mend(covariance: np.ndarray) -> None:
+    """Make it symmetric in place, or rounding would grow from update to update."""
+    covariance += covariance.transpose(0, 2, 1).copy()
+    covariance *= 0.5
 
 
 def _update(

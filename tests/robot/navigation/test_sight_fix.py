@@ -11,10 +11,11 @@ import pytest
 from robot.camera.source import Frame
 from robot.contract import ImageSpec
 from robot.errors import PlanError
-from robot.geometry import Pose, radius_95
+from robot.geometry import Pose, between, radius_95
 from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import Glimpse, MissionNavigator
+from robot.navigation.planner import LaneGraph, path_on
 from robot.navigation.road_map import load_map
 from robot.navigation.sight_fix import SightFix
 from robot.vision.sight import Seen, SightContract
@@ -231,3 +232,22 @@ def test_what_cannot_be_is_not_believed() -> None:
     fix = SightFix(fusion, [view])
     fix.see(far._replace(road=np.ones(1)), np.ones(1, dtype=bool), 0.1)
     np.testing.assert_array_equal(fusion.poses, before)
+
+
+def test_minutes_by_sight_alone_leave_the_covariance_one() -> None:
+    """Rounding made it unequal to its transpose, more so with every picture, until it was none."""
+    fusion, world = PoseFusion(config=FusionConfig(sight=True)), driving()
+    sight, fix = FakeSight(world), SightFix(fusion, [LaneView(TOWN)])
+    path = path_on(LaneGraph(TOWN), world.pose, 70.0)
+    fusion.put(np.arange(1), np.array([world.pose]), (0.05, 0.05, 0.17))
+    arc_m, before = path.project(*world.pose[:2]).arc_m, world.pose
+    for k in range(2000):
+        arc_m += 0.03
+        world.pose = Pose(*path.pose_at(arc_m))
+        ((forward_m, _, turn_rad),) = between(np.array([before]), np.array([world.pose]))
+        fusion.move(np.array([forward_m]), np.array([turn_rad]), 0.1 * (k + 1))
+        fix.see(sight(np.zeros(0)), np.ones(1, dtype=bool), 0.1 * (k + 1))
+        before = world.pose
+    covariance = fusion._covariance[0]
+    assert np.abs(covariance - covariance.T).max() < 1e-12
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
