@@ -18,7 +18,7 @@ _MOST = 240  # characters of what a person typed that are told again
 # What an installation lacks that was made without an extra.
 _EXTRAS = {
     "trainer": "torch stable_baselines3 gymnasium pybullet pybullet_data numba onnx tyro "
-    "tensorboard matplotlib jinja2 imageio_ffmpeg rich tqdm",
+    "tensorboard matplotlib jinja2 imageio_ffmpeg rich",
     "monitor": "fastapi uvicorn pydantic starlette",
     "scale": "ray",
     "lerobot": "pyarrow",

@@ -10,7 +10,7 @@ import localizer_node.__main__
 import tools.loop.__main__
 import trainer.cli
 from robot.cli import main as robot
-from tools.loop.__main__ import parse
+from tools.loop.cli import LoopOptions
 
 TRAIN = "--task --algo --preset --map --out --seed --resume"
 EVALUATE = "--model --task --map --look --pose-error --zero --episodes --seed --json"
@@ -50,18 +50,16 @@ def test_a_stable_command_keeps_its_options(
 
 
 def test_the_loop_drives_a_mission_with_the_shipped_policy_unless_told() -> None:
-    options = parse([])
-    assert (options.missions, options.map, options.realtime) == (1, "arena", False)
-    assert options.model.is_file()
-    assert parse(["--start", "1,2", "--goal", "0.5,0.25"]).goal == (0.5, 0.25)
-    assert parse(["--laps", "1"]).model.is_file()
+    options = LoopOptions()
+    assert (options.missions, options.road, options.realtime) == (1, "arena", False)
+    assert options.policy.is_file()
+    assert LoopOptions(start="1,2", goal="0.5,0.25").place("goal") == (0.5, 0.25)
+    assert LoopOptions(laps=1.0).policy.is_file()
 
 
 @pytest.mark.parametrize(
     "words", ["--start 1", "--goal a,b", "--start nan,1", "--goal 1,1 --missions 2"]
 )
 def test_a_place_that_is_none_is_refused(words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        parse(words.split())
-    assert ended.value.code == 2
+    assert tools.loop.__main__.main(words.split()) == 2
     assert "expected" in capsys.readouterr().err

@@ -14,16 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot.command_line import SEED, OneLineParser, answer, number
+from robot.errors import expect_between
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_folder, write_json
 from robot.typed_config import read_json, read_yaml
+from trainer.cli import Command, run
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 FILE = Path(__file__).with_name("demo.yaml")
 NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
+COMMAND = Command("tools.commands:demo_command", "train, export, judge and drive, in minutes")
 
 
 @dataclass(frozen=True)
@@ -102,18 +104,14 @@ def show(metrics: dict[str, Any], out: Path, console: Console) -> None:
 
 def main(arguments: list[str] | None = None, prog: str = "python -m tools.demo") -> int:
     """Run the demo; exit status 0 when it drove."""
-    parser = OneLineParser(prog=prog, description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/demo"))
-    parser.add_argument("--seed", type=SEED, default=0)
-    parser.add_argument("--seconds", type=number(1.0, 1e6), default=75.0, help="of training")
-    options = parser.parse_args(arguments)
-    return answer("demo", lambda: show_all(options.out, options.seed, options.seconds))
+    return run(COMMAND, arguments, prog)
 
 
 def show_all(out: Path, seed: int, seconds: float) -> int:
     """Run the stages that are not done; 0 when it drove. ConfigError: no place to write to."""
     from rich.console import Console
 
+    expect_between("seconds", seconds, 1.0, 1e6)
     expect_folder(out)
     console = Console()
     if (out / "metrics.json").exists():  # the last demo ended: this is a new one

@@ -1,37 +1,29 @@
-"""``python -m tools.replay RECORDING``: decides a recorded drive again and compares.
+"""``python -m tools.replay RECORDING``: decides a recorded drive again and compares."""
 
-Exit status 0: every action came out as it was. 1: some did not; they are listed. 2: a file in which
-there is nothing to decide again, and why.
-"""
-
-import argparse
 import sys
 from pathlib import Path
 
-from robot.command_line import OneLineParser, answer, spoken
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.recording.replay import replay
+from trainer.cli import Command, run
 
 SHOWN = 20
+COMMAND = Command("tools.commands:replay_command", "decide a recorded drive again, and compare")
 PROGRAM = "python -m tools.replay"
 
 
 def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
     """0: nothing differs; 1: something does; 2: wrong input, or nothing was decided in it."""
-    parser = OneLineParser(prog=prog, description=__doc__)
-    parser.add_argument("recording", type=Path, help="an .mcap file of the robot's")
-    parser.add_argument("--model", type=Path, help="another policy: what would it have done?")
-    options = parser.parse_args(arguments)
-    return answer(spoken(prog), lambda: decide_again(options))
+    return run(COMMAND, arguments, prog)
 
 
-def decide_again(options: argparse.Namespace) -> int:
+def decide_again(recording: Path, model: Path | None) -> int:
     """0: nothing differs; 1: something does; ContractError: nothing was decided in it."""
-    found = replay(options.recording, OnnxPolicy(options.model) if options.model else None)
+    found = replay(recording, OnnxPolicy(model) if model else None)
     if not found.decisions:
         raise ContractError(
-            f"{options.recording}: expected the robot's own recording of a drive by its policy, "
+            f"{recording}: expected the robot's own recording of a drive by its policy, "
             f"found no decision in its {found.turns} turns"
         )
     for difference in found.differences[:SHOWN]:
@@ -41,7 +33,7 @@ def decide_again(options: argparse.Namespace) -> int:
     how = "bit for bit" if found.exact else f"values within {found.worst:.1e}"
     close = f", {found.close} too close to call" if found.close else ""
     print(
-        f"{options.recording.name}: {found.decisions} decisions of {found.turns} turns replayed "
+        f"{recording.name}: {found.decisions} decisions of {found.turns} turns replayed "
         f"({how}), {len(found.differences)} differ{close}"
     )
     return 1 if found.differences else 0

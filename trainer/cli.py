@@ -35,13 +35,17 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "lane_steps": (1, 10**12),
     "translator_steps": (1, 10**12),
     "episodes": (1, 10_000_000),
+    "missions": (1, 100_000),
+    "laps": (0.01, 10_000),
+    "held_out": (0.01, 0.99),
+    "port": (1024, 65_535),
     "lap_drives": (1, 1_000_000),
     "frames": (1, 10_000_000),
     "batch": (1, 100_000),
     "structure": (0.0, 1e6),
     "rate_hz": (0.1, 1e4),
 }
-_OUT_IS_FILE = ("export", "parse export")
+_OUT_IS_FILE = ("export", "parse export", "plot", "split", "cut")
 
 
 @dataclass(frozen=True)
@@ -52,9 +56,9 @@ class Command:
     purpose: str
 
 
-Group = Mapping[str, Command]
+Group = Mapping[str, "Command | Group"]
 _RUN, _SEE, _TRY = "trainer.commands", "trainer.transfer.cli", "trainer.experiments.cli"
-COMMANDS: Mapping[str, Command | Group] = {
+COMMANDS: Group = {
     "train": Command(f"{_RUN}:train_command", "train a policy"),
     "train-sight": Command("trainer.sight.cli:train_command", "teach the network that sees lanes"),
     "sight": Command("trainer.sight.cli:draw_command", "draw what sight sees over pictures"),
@@ -91,24 +95,30 @@ PURPOSES = {
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = PROGRAM) -> int:
-    """Run one command of ``prog``; the exit status."""
+    """Run one command of the trainer's; the exit status."""
+    return run(COMMANDS, arguments, prog)
+
+
+def run(commands: Command | Group, arguments: Sequence[str] | None, prog: str) -> int:
+    """Run one of the commands of ``prog``, or its only one; the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
 
     def work() -> int:
-        name, command, rest = _chosen(words, prog)
+        name, command, rest = _chosen(words, prog, commands)
         module, _, function = command.place.partition(":")
         do: Callable[..., int] = getattr(importlib.import_module(module), function)
-        options = _read(do, rest, f"{prog} {name}")
+        options = _read(do, rest, f"{prog} {name}".strip())
         _check(name, options)
         return do(**options)
 
     return answer(spoken(prog), work)
 
 
-def _chosen(words: list[str], program: str) -> tuple[str, Command, list[str]]:
+def _chosen(
+    words: list[str], program: str, found: Command | Group
+) -> tuple[str, Command, list[str]]:
     """The command, its name and the words after it; help and wrong names end the program."""
     names: list[str] = []
-    found: Command | Mapping[str, Command | Group] = COMMANDS
     while not isinstance(found, Command):
         prog = " ".join([program, *names])
         word = words[len(names)] if len(words) > len(names) else ""
@@ -123,7 +133,7 @@ def _chosen(words: list[str], program: str) -> tuple[str, Command, list[str]]:
     return " ".join(names), found, words[len(names) :]
 
 
-def _help(prog: str, commands: Mapping[str, Command | Group]) -> str:
+def _help(prog: str, commands: Group) -> str:
     told = ((name, getattr(each, "purpose", PURPOSES.get(name))) for name, each in commands.items())
     rows = [f"  {name:17} {purpose}" for name, purpose in told]
     about = [f"usage: {prog} COMMAND …", "", *rows, "", f"{prog} COMMAND --help tells its options."]

@@ -12,7 +12,8 @@ from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop import drive
-from tools.loop.__main__ import main, parse
+from tools.loop.__main__ import main
+from tools.loop.cli import LoopOptions
 from tools.loop.sites import sites_of
 
 REALITY = {"reality/noon", "reality/night", "reality/rink", "reality/lab", "reality/hall"}
@@ -82,7 +83,7 @@ def test_the_figures_count_arrivals_at_each_site() -> None:
 
 def test_figures_of_rows_without_sites_begin_anew(tmp_path: Path) -> None:
     path = tmp_path / "loop.json"
-    options = parse(["--json", str(path)])
+    options = LoopOptions(json=path)
     for schema, kept in ((1, 0), (2, 1)):
         figures = {"schema": schema, "inputs": drive.inputs_of(options), "rows": [{"site": "a"}]}
         path.write_text(json.dumps(figures))

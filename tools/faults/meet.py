@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
 import cv2
-from tqdm import tqdm
+from rich.progress import MofNCompleteColumn, Progress
 
 from robot.cli.install import SHIPPED_MODEL as LANE_KEEPER
 from robot.errors import ConfigError, DuckpilotError, nearest
@@ -18,6 +17,7 @@ from robot.output import expect_writable, write_json
 from robot.typed_config import from_plain, read_json, to_plain
 from tools.faults import hardware, pictures, poses, programs, strangers, traffic
 from tools.faults.case import FAMILIES, TABLE, Case, Outcome, case_of
+from tools.faults.cli import FaultsOptions
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
@@ -31,18 +31,21 @@ def every_case() -> list[Case]:
     return [case_of(family, row, known) for family in FAMILIES for row in TABLE[family]]
 
 
-def chosen(options: argparse.Namespace) -> list[Case]:
+def chosen(options: FaultsOptions) -> list[Case]:
     """The cases asked for. DuckpilotError: no such case."""
+    for wanted in options.family:
+        if wanted not in FAMILIES:
+            raise DuckpilotError(f"no family {wanted!r}; {nearest(wanted, FAMILIES)}")
     families = options.family or list(FAMILIES)
     every = [case for family in families for case in every_case() if case.family == family]
     names = {case.name for case in every}
-    for wanted in options.case or ():
+    for wanted in options.case:
         if wanted not in names:
             raise DuckpilotError(f"no case {wanted!r}; {nearest(wanted, sorted(names))}")
     return [case for case in every if not options.case or case.name in options.case]
 
 
-def meet(options: argparse.Namespace) -> int:
+def meet(options: FaultsOptions) -> int:
     """Meet the faults asked for; 0 when the robot did right in all, 1 otherwise."""
     expect_writable(options.json, options.report, inputs=[options.model])
     cases = chosen(options)
@@ -61,7 +64,7 @@ def meet(options: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _play(cases: list[Case], outcomes: list[Outcome], options: argparse.Namespace) -> None:
+def _play(cases: list[Case], outcomes: list[Outcome], options: FaultsOptions) -> None:
     """Those without an outcome yet, on the bench that each family needs."""
     done = {(outcome.family, outcome.name) for outcome in outcomes}
     todo = [case for case in cases if (case.family, case.name) not in done]
@@ -70,18 +73,19 @@ def _play(cases: list[Case], outcomes: list[Outcome], options: argparse.Namespac
     sight = SHIPPED_MODELS / "sight.onnx"
     keeper = replace(among, map="loop", model=LANE_KEEPER, sight=sight, leader=options.model)
     benches = {"traffic": among, "by sight": keeper}
-    with tqdm(total=len(cases), initial=len(cases) - len(todo)) as bar:
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn()) as bar:
+        task = bar.add_task("faults", total=len(cases), completed=len(cases) - len(todo))
         for bench, rows in groupby(todo, lambda case: benches.get(case.family, alone)):
             with (
                 tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
                 Stage(bench, Path(folder)) as stage,
             ):
                 for case in rows:
-                    bar.set_description(f"{case.family}: {case.name}")
+                    bar.update(task, description=f"{case.family}: {case.name}")
                     outcomes.append(stage.play(case))
                     if options.json:
                         write_json(options.json, {"schema": 1, "outcomes": to_plain(outcomes)})
-                    bar.update()
+                    bar.advance(task)
 
 
 def _done(path: Path | None) -> list[Outcome]:

@@ -3,7 +3,6 @@
 By the policy, by an expert at the monitor's page, or by a person there who watches the policy.
 """
 
-import argparse
 import json
 import math
 import tempfile
@@ -17,7 +16,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from tqdm import tqdm
+from rich.progress import MofNCompleteColumn, Progress
 
 from robot.contract import Stick
 from robot.errors import ContractError
@@ -28,6 +27,7 @@ from robot.navigation.road_map import load_map
 from robot.output import expect_folder, expect_writable, write_json
 from robot.typed_config import read_json
 from tools.loop.bench import Bench, BenchOptions
+from tools.loop.cli import LoopOptions
 from tools.loop.missions import ANSWER_S, DAWDLE_MPS, Driver, Line, MissionRecord, distance_m
 from tools.loop.sites import Site, sites_of
 from tools.video import DriveFilm, Moment
@@ -128,7 +128,7 @@ SCHEMA = 2
 EVERY_S = 0.1  # between two pictures of a film
 
 
-def drive(options: argparse.Namespace) -> int:
+def drive(options: LoopOptions) -> int:
     """Drive as asked and say how it went; 0 when every mission arrived, 1 otherwise."""
     cv2.setNumThreads(1)
     with tempfile.TemporaryDirectory(prefix="duckpilot-loop-") as folder:
@@ -141,23 +141,26 @@ def drive(options: argparse.Namespace) -> int:
     return 0 if figures["arrived"] == options.missions else 1
 
 
-def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+def run(options: LoopOptions, folder: Path) -> dict[str, Any]:
     """Drive the missions that ``--json`` does not hold yet; the figures of all."""
-    expect_writable(options.json, options.video, inputs=[options.model])
+    expect_writable(options.json, options.video, inputs=[options.policy])
     if options.record:
         expect_folder(options.record)
-    expect_navigator(options.model)
-    load_map(options.map)  # refused before a bar is drawn
+    expect_navigator(options.policy)
+    load_map(options.road)  # refused before a bar is drawn
     site_after = sites_of(options.look, options.seed)
     rows, robot = rows_so_far(options), None
     with ExitStack() as stack:
         film = None
         if options.video and len(rows) < options.missions:
-            film = DriveFilm(options.video, options.model, EVERY_S)
+            film = DriveFilm(options.video, options.policy, EVERY_S)
             stack.callback(film.close)
-        bar = stack.enter_context(tqdm(total=options.missions, initial=len(rows), desc="missions"))
+        columns = *Progress.get_default_columns(), MofNCompleteColumn()
+        bar = stack.enter_context(Progress(*columns))
+        task = bar.add_task("missions", total=options.missions, completed=len(rows))
+        done = lambda: bar.update(task, completed=len(rows))  # noqa: E731
         while len(rows) < options.missions:
-            robot = _drive_at(site_after(len(rows)), options, rows, folder, film, bar)
+            robot = _drive_at(site_after(len(rows)), options, rows, folder, film, done)
     figures = summary(rows, options)
     if robot and options.json:
         write_json(options.json, {**figures, "robot": robot})
@@ -214,17 +217,17 @@ def moment(bench: Bench) -> Moment:
 
 def _drive_at(
     site: Site,
-    options: argparse.Namespace,
+    options: LoopOptions,
     rows: list[dict[str, Any]],
     folder: Path,
     film: DriveFilm | None,
-    bar: tqdm,
+    done: Callable[[], None],
 ) -> dict[str, Any]:
     """Begin a bench at a site and drive until the robot leaves it; the robot's figures."""
     driven, until = len(rows), min(options.missions, site.until or options.missions)
     bench = Bench(
         BenchOptions(
-            *(options.model, options.map, site.look, options.seed + driven, not options.realtime),
+            *(options.policy, options.road, site.look, options.seed + driven, not options.realtime),
             robot_python=options.robot_python,
             sight=options.sight,
             localizer=options.sight is None,
@@ -236,7 +239,8 @@ def _drive_at(
     rng = np.random.default_rng((options.seed, driven))
     watching = () if film is None else (filming(film, bench),)
     driver = DRIVERS[options.driver](bench, rng, *watching)
-    start = driver.on_lane(*options.start) if options.start and not driven else driver.anywhere()
+    first = None if driven else options.place("start")
+    start = driver.on_lane(*first) if first else driver.anywhere()
     bench.town.world.place(start)
     with bench:
         while len(rows) < until:
@@ -246,12 +250,12 @@ def _drive_at(
                 driver.carry()
             if options.sight and (lost or len(rows) == driven):
                 driver.find()
-            record = driver.drive(options.goal)
+            record = driver.drive(options.place("goal"))
             figures = row(record, time.monotonic() - began_s, bench.now_s - lived_s)
             rows.append({"site": site.name, **figures})
             if options.json:
                 write_json(options.json, summary(rows, options))
-            bar.update()
+            done()
         if options.record:
             driver.rest()
         return {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
@@ -275,7 +279,7 @@ def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
     }
 
 
-def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
+def summary(rows: list[dict[str, Any]], options: LoopOptions) -> dict[str, Any]:
     """The JSON of all missions."""
     arrived = [r for r in rows if r["arrived"]]
 
@@ -309,7 +313,7 @@ def arrivals_at(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
     return {site: {"missions": n, "arrived": arrived[site]} for site, n in driven.items()}
 
 
-def rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
+def rows_so_far(options: LoopOptions) -> list[dict[str, Any]]:
     """What an earlier run of the same inputs has driven."""
     if options.json is None or not options.json.exists():
         return []
@@ -318,8 +322,10 @@ def rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
     return list(before.get("rows") or ())[: options.missions] if same else []
 
 
-def inputs_of(options: argparse.Namespace) -> dict[str, Any]:
+def inputs_of(options: LoopOptions) -> dict[str, Any]:
     """What the figures depend on."""
-    names = ("model", "map", "look", "seed", "realtime", "start", "goal", "sight", "driver")
-    inputs = {name: getattr(options, name) for name in names}
+    names = ("look", "seed", "realtime", "sight", "driver")
+    inputs: dict[str, Any] = {name: getattr(options, name) for name in names}
+    inputs |= {name: options.place(name) for name in ("start", "goal")}
+    inputs |= {"model": options.policy, "map": options.road}
     return dict(json.loads(json.dumps(inputs, default=str)))

@@ -3,7 +3,6 @@
 Town, motors, camera and time are virtual; from the frame to the bytes on the bus it is the robot.
 """
 
-import argparse
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+from rich.progress import Progress, TextColumn
 
 from robot.contract import CONTROL_DT_S
 from robot.geometry import Pose, wrap_angle
@@ -34,10 +33,11 @@ from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.world import VirtualWorld
+from tools.loop.cli import LoopOptions
 from tools.loop.sites import sites_of
 from tools.video import DriveFilm, Moment
 
-BAR = "{l_bar}{bar}| {n:.2f}/{total:.2f} laps [{elapsed}<{remaining}]"
+OF_LAPS = "{task.completed:.2f}/{task.total:.2f} laps"
 DAWDLE_MPS = 0.1  # a drive slower than this on average is given up
 ARMING_S = 0.3  # a person looks before they arm
 
@@ -117,56 +117,58 @@ class LapDrive:
         return tick
 
 
-def tell(options: argparse.Namespace) -> int:
+def tell(options: LoopOptions) -> int:
     """Drive as asked and say how it went; 0 when all laps were driven, 1 otherwise."""
-    inputs = [options.model, Path(options.translator) if options.translator else None]
+    inputs = [options.policy, Path(options.translator) if options.translator else None]
     expect_writable(options.json, options.video, inputs=inputs)
+    laps = options.laps or 0.0
     site = sites_of(options.look, options.seed)(0)
-    policy = open_policy(options.model, options.translator)
-    lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
+    policy = open_policy(options.policy, options.translator)
+    lap_drive = LapDrive(load_map(options.road), site.look, policy, options.seed)
     with ExitStack() as stack:
         stack.callback(lap_drive.close)
-        bar = stack.enter_context(
-            tqdm(total=options.laps, desc="drive", bar_format=BAR, mininterval=0.5)
-        )
+        columns = *Progress.get_default_columns(), TextColumn(OF_LAPS)
+        bar = stack.enter_context(Progress(*columns))
+        task = bar.add_task("drive", total=laps)
         film = None
         if options.video:
-            film = DriveFilm(options.video, options.model, CONTROL_DT_S)
+            film = DriveFilm(options.video, options.policy, CONTROL_DT_S)
             film.turn_to(lap_drive.world.scene.ground)
             stack.callback(film.close)
 
         ring_m = lap_drive.lane.points_m[[*range(len(lap_drive.lane.points_m)), 0]].tolist()
 
         def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
-            bar.update(min(max(record.laps, bar.n), options.laps) - bar.n)
+            bar.update(task, completed=min(record.laps, laps))
             if film is not None and tick.frame is not None:
                 state, reason = tick.verdict.state.value, tick.verdict.sentence
                 values = [] if tick.values is None else tick.values.tolist()
                 told = (ring_m, values, tick.action, f"lap {record.laps:.2f}")
                 film.add(Moment(tick.frame.image, pose, None, state, reason, *told))
 
-        record = lap_drive.drive(options.laps, watch)
+        record = lap_drive.drive(laps, watch)
     figures = summary(record, options, site.name)
     if options.json:
         write_json(options.json, figures)
     print(
-        f"{record.laps:.2f} of {options.laps:g} laps in {record.seconds:.0f} s, "
+        f"{record.laps:.2f} of {laps:g} laps in {record.seconds:.0f} s, "
         f"{100 * figures['mean_path_distance_m']:.1f} cm from the lane's middle on average, "
         f"{record.state}: {record.reason}"
     )
     return 0 if figures["arrived"] else 1
 
 
-def summary(record: LapRecord, options: argparse.Namespace, site: str) -> dict[str, Any]:
+def summary(record: LapRecord, options: LoopOptions, site: str) -> dict[str, Any]:
     """The JSON of a drive."""
     rms = np.sqrt(np.mean(np.square(record.odometry_errors), axis=0))
     offsets_m = np.abs(record.offsets_m)
-    arrived = record.laps >= options.laps
+    arrived = record.laps >= (options.laps or 0.0)
     stop = {"fault": record.reason, "latency_s": None, "state": record.state}
-    inputs = {name: getattr(options, name) for name in ("map", "look", "laps", "seed")}
+    inputs = {name: getattr(options, name) for name in ("look", "laps", "seed")}
+    inputs |= {"map": options.road, "model": str(options.policy)}
     return {
         "schema": 1,
-        "inputs": {**inputs, "model": str(options.model), "translator": options.translator or ""},
+        "inputs": {**inputs, "translator": options.translator or ""},
         "site": site,
         "missions": 1,
         "arrived": int(arrived),

@@ -1,43 +1,36 @@
 """``python -m tools.monitor``: the operator's page."""
 
-import argparse
+from __future__ import annotations
+
 import secrets
 import signal
 import socket
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from robot.command_line import OneLineParser, answer, whole
 from robot.errors import ConfigError
 from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder
 from robot.typed_config import load_yaml
 from tools.monitor import LOOPBACK_NAMES
+from trainer.cli import Command, run
 
-PORT = 8600
+if TYPE_CHECKING:
+    from tools.monitor.cli import MonitorOptions
+
 WS_LIMIT_BYTES = 4096  # of one message from a page; its longest has 15
 WS_QUEUE = 8
-LAST_PORT = 65_535
+COMMAND = Command("tools.monitor.cli:monitor_command", "the operator's page in the browser")
 PROGRAM = "python -m tools.monitor"
 
 
 def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
     """Serve until interrupted; 2 for wrong input."""
-    parser = OneLineParser(prog=prog, description=__doc__)
-    parser.add_argument("--host", default="127.0.0.1", help="where to listen; 0.0.0.0: everywhere")
-    parser.add_argument("--port", type=whole(1024, LAST_PORT), default=PORT)
-    parser.add_argument("--map", default="town", help="a map file or the name of a shipped map")
-    parser.add_argument("--drives", type=Path, default=Path("runs/drives"), help="recordings")
-    parser.add_argument("--model", type=Path, help="the robot's policy: shows where it looks")
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--link", type=Path, help="YAML with keys, robot_host, localizer_host")
-    source.add_argument("--demo", action="store_true", help="a robot on virtual hardware")
-    arguments = parser.parse_args(argv)
-    return answer("monitor", lambda: serve(arguments))
+    return run(COMMAND, argv, prog)
 
 
-def serve(arguments: argparse.Namespace) -> None:
+def serve(arguments: MonitorOptions) -> None:
     """Run the server until interrupted; ConfigError, before it says where: wrong input."""
     import uvicorn
 
@@ -54,6 +47,7 @@ def serve(arguments: argparse.Namespace) -> None:
         listening.close()
         show(arguments)
         return
+    assert arguments.link is not None
     config = load_yaml(LinkConfig, arguments.link)
     token = secrets.token_urlsafe(16)
     monitor = Monitor(config, arguments.drives, arguments.model)

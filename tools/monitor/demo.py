@@ -1,6 +1,5 @@
 """``--demo``: the page on the loop bench, in lock-step, as fast as the wall clock where it can."""
 
-import argparse
 import tempfile
 import time
 from pathlib import Path
@@ -9,13 +8,14 @@ from robot.errors import ConfigError
 from robot.inference.policy import SHIPPED_MODELS
 from tools.loop.bench import PROGRAMS, Bench, BenchOptions
 from tools.loop.missions import on_lane
+from tools.monitor.cli import MonitorOptions
 
 MODEL = SHIPPED_MODELS / "nav_dueling.onnx"
 TURN_S = 0.02
 PATIENCE_S = 60.0
 
 
-def show(arguments: argparse.Namespace) -> None:
+def show(arguments: MonitorOptions) -> None:
     """Let the virtual world live as long as the page's program does; ConfigError: wrong input."""
     page = ["--host", arguments.host, "--port", str(arguments.port)]
     page += ["--drives", str(arguments.drives), "--model", str(arguments.model or MODEL)]
