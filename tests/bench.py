@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.progress import track
 from rich.table import Table
-from tqdm import tqdm
 
 from robot.cli.bench import measure as measure_robot
 from robot.command_line import OneLineParser, answer
@@ -135,7 +135,7 @@ def measure(model: Path) -> dict[str, Any]:
     }
     inputs = {"model": str(model), "robots": ROBOTS, "cpus": os.cpu_count()}
     figures: dict[str, Any] = {"schema": 1, "inputs": inputs}
-    for name, part in tqdm(parts.items(), desc="bench", unit="part"):
+    for name, part in track(parts.items(), description="bench"):
         figures[name] = part()
     return figures
 

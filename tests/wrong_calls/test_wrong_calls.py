@@ -147,7 +147,7 @@ import runpy, sys
 
 class Blocked:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {"tyro", "rich", "fastapi", "uvicorn", "tqdm"}:
+        if name.split(".")[0] in {"tyro", "rich", "fastapi", "uvicorn"}:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 sys.meta_path.insert(0, Blocked())
