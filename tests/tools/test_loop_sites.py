@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from robot.errors import ConfigError
+from robot.inference.policy import SHIPPED_MODELS
+from robot.typed_config import read_json
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop import drive
@@ -88,3 +90,13 @@ def test_figures_of_rows_without_sites_begin_anew(tmp_path: Path) -> None:
         figures = {"schema": schema, "inputs": drive.inputs_of(options), "rows": [{"site": "a"}]}
         path.write_text(json.dumps(figures))
         assert len(drive.rows_so_far(options)) == kept
+
+
+@pytest.mark.slow
+def test_without_a_localizer_a_person_tells_roughly_where_it_stands(tmp_path: Path) -> None:
+    shipped, out = SHIPPED_MODELS, tmp_path / "one.json"
+    words = ["--sight", str(shipped / "sight.onnx"), "--model", str(shipped / "nav_ppo.onnx")]
+    assert main([*words, "--json", str(out)]) == 0
+    figures = read_json(out)
+    assert (figures["missions"], figures["arrived"]) == (1, 1)
+    assert figures["position_rms_m"] < 0.08
