@@ -421,6 +421,21 @@ def test_a_robot_that_keeps_its_lane_is_armed_and_let_go(
     browser.until(f"{KEEP}.disabled")
 
 
+def test_who_navigates_may_be_let_drive_on_only_while_its_place_is_unknown(
+    browser: Browser, programs: Programs
+) -> None:
+    opened(browser, programs)
+    assert browser.evaluate(f"{KEEP}.hidden"), "it knows its place"
+    shown = (
+        "import('/static/panels.js').then(({ showState }) => { showState({ silent: false, robot: "
+        "{ state: 'READY', reason: '', pose: null, inputs: [{ name: 'pose' }] } });"
+        f" window.told = [{KEEP}.hidden, {KEEP}.disabled]; }})"
+    )
+    browser.evaluate(f"void {shown}")
+    browser.until("window.told !== undefined")
+    assert browser.evaluate("window.told") == [False, False]
+
+
 def test_a_policy_with_its_own_actions_is_shown_in_rows(
     browser: Browser, programs: Programs
 ) -> None:
