@@ -95,7 +95,7 @@ class MissionNavigator:
         self._odometer, self._driven_m = odometry(), 0.0
         self._jumps = 0
         self._arrived_s = -math.inf  # when the last pose came that the fusion took
-        self._driving = False
+        self._driving = self._on_mission = False
         self._path: Optional[Path] = None
         self._hint: Optional[int] = None
         self._detours = 0
@@ -184,9 +184,10 @@ class MissionNavigator:
         state = tick.verdict.state
         if self._driving and state is not State.AUTO:
             if self._finding is not None:
-                self._finding.learned = self._path is None and self._finding.sure
+                self._finding.learned = not self._on_mission and self._finding.sure
             self.end("stopped", tick.verdict.sentence)
         self._driving = state is State.AUTO
+        self._on_mission = self._driving and (self._on_mission or self._path is not None)
 
     def look(self, now_s: float) -> Guidance:
         """Take what poses and steps have come, and see where that is on the path."""
@@ -224,7 +225,8 @@ class MissionNavigator:
     @property
     def searches(self) -> bool:
         """Whether it may drive on without a destination, until it knows its place and wheels."""
-        return self._path is None and self._finding is not None and not self._finding.sure
+        destined = self._on_mission or self._path is not None  # a mission's end is the drive's
+        return not destined and self._finding is not None and not self._finding.sure
 
     def _drive_on(self, guidance: Guidance, on: On, now_s: float) -> Guidance:
         """Who looks for its place may drive on as a lane keeper does, while it sees a lane."""

@@ -16,9 +16,11 @@ from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap, load_map
 from robot.navigation.whereabouts import Place, Whereabouts
+from robot.safety.state_machine import Command
 from robot.vision.sight import Seen
 from tests.robot.navigation.test_navigator import TOWN, driving
-from tests.robot.navigation.test_sight_fix import FakeSight
+from tests.robot.navigation.test_sight_fix import FakeSight, seeing
+from tests.robot.runtime.test_loop import Bench
 from tests.thorough import count
 
 STEP_M = 0.03
@@ -206,3 +208,17 @@ def test_a_navigator_drives_on_while_it_looks_and_only_then() -> None:
     assert not world.navigator.searches, "now it knows its place and its wheels"
     assert guidance.pose_within is not None
     assert guidance.pose_within[0] <= 0.05
+
+
+def test_a_mission_that_ends_while_it_drives_is_no_leave_to_drive_on() -> None:
+    world, bench = seeing(), Bench()
+    assert world.turn(seen=False).path is not None, "on its mission"
+    bench.drive()
+    world.navigator.on_tick(bench.runtime.step())
+    world.navigator.end("failed", "no more")
+    assert not world.navigator.searches
+    assert world.turn(seen=False).path is None, "so it stops"
+    bench.runtime.ask(Command.STOP)
+    world.navigator.on_tick(bench.runtime.step())
+    assert world.navigator.searches, "a person may let it drive on"
+    assert world.turn(seen=False).path is not None
