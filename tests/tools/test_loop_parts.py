@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import signal
 import socket
 import threading
 import time
@@ -36,6 +37,7 @@ from tools.loop.bench import Bench, free_ports
 from tools.loop.devices import BusServer, Listener, PictureServer
 from tools.loop.drive import aim
 from tools.loop.missions import Driver, distance_m
+from tools.loop.process import Process
 from tools.loop.proxy import Proxy
 from tools.loop.shared_time import SharedTime
 from tools.loop.town import _over
@@ -220,3 +222,14 @@ def test_a_hand_steers_back_to_its_way_and_slower_in_bends() -> None:
     assert right_of_it.stick.speed < 0.9
     assert right_of_it.left_m == pytest.approx(1.5)
     assert aim(way, Pose(0.5, 0.0, 0.0), aside_m=0.03).stick.steer > 0.05
+
+
+def test_a_bench_that_ignores_hang_ups_starts_programs_that_do_not(tmp_path: Path) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup leaves it
+    try:
+        program = Process("sleep", ["sleep", "60"], tmp_path / "log")
+        program.child.send_signal(signal.SIGHUP)
+        assert program.child.wait(10.0) == -signal.SIGHUP
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)

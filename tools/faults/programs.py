@@ -9,7 +9,7 @@ from pathlib import Path
 
 from robot.recording.reader import read_turns
 from tools.faults.stage import Stage
-from tools.loop.bench import Process
+from tools.loop.process import Process
 
 LOSS_S = 1.0
 PATIENCE_S = 60.0  # real time that a command may take

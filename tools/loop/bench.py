@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -28,12 +26,12 @@ from robot.safety.governors import Rules
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.loop.operator import Operator
+from tools.loop.process import END_S, Process
 from tools.loop.proxy import Proxy
 from tools.loop.timekeeper import BenchError, Conductor, Timekeeper
 from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, VirtualTown
 
 START_S = 30.0  # until all have heard of each other
-END_S = 5.0
 FRESH_S = 0.5  # an age of signs of life
 LOOK_S = 0.2  # between two looks at the page of the second robot
 PAUSE_S = 0.02  # real time for connections, while none is there yet
@@ -64,48 +62,6 @@ class BenchOptions:
     page: tuple[str, ...] = ()  # options of the monitor
     among: bool = False  # with a second robot and room for a duck: each keeps its distance
     leader: Path | None = None  # the second's model where the first one's keeps its lane, by sight
-
-
-class Process:
-    """One program of the bench; what it says is in ``log``, and what it hears is ``typed``."""
-
-    def __init__(self, name: str, command: list[str], log: Path, typed: bool = False) -> None:
-        self.name, self.log = name, log
-        self.frozen = self.ending = False  # by a signal
-        with log.open("ab") as output:
-            self.child = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE if typed else subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                bufsize=0,
-                env={**os.environ, "PYTHONUNBUFFERED": "1", "OMP_NUM_THREADS": "1"},
-            )
-
-    @property
-    def alive(self) -> bool:
-        """Whether it still runs."""
-        return self.child.poll() is None
-
-    @property
-    def figures(self) -> dict[str, float]:
-        """Resident memory [MB], threads and open files, now."""
-        folder = Path(f"/proc/{self.child.pid}")
-        (kb,) = re.findall(r"VmRSS:\s+(\d+)", (folder / "status").read_text(encoding="ascii"))
-        return {
-            "rss_mb": int(kb) / 1024.0,
-            "threads": len(list((folder / "task").iterdir())),
-            "files": len(list((folder / "fd").iterdir())),
-        }
-
-    def said(self) -> str:
-        """Its output so far."""
-        return self.log.read_text(encoding="utf-8", errors="replace")
-
-    def end(self) -> None:
-        """By force, whatever it is doing."""
-        self.child.kill()
-        self.child.wait(END_S)
 
 
 class Bench:

@@ -75,8 +75,13 @@ def read_backbone(path: Path) -> Backbone:
 
 def centred(images: torch.Tensor) -> torch.Tensor:
     """Pictures (N, H, W, 3) of 0..255 -> (N, 3, H, W) in -1..1, where they are in memory."""
+    return fresh(images).div_(127.5).sub_(1.0)
+
+
+def fresh(images: torch.Tensor) -> torch.Tensor:
+    """Pictures (N, H, W, 3) -> (N, 3, H, W) float32 of their own, where they are in memory."""
     # permute alone leaves the pixels where they are: torch's "channels last", its fastest
-    return images.float().permute(0, 3, 1, 2) / 127.5 - 1.0
+    return images.to(torch.float32, copy=True).permute(0, 3, 1, 2)
 
 
 class Seer:

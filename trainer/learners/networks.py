@@ -23,7 +23,7 @@ from robot.contract import PATH_POINTS, ActionTable
 from robot.errors import ContractError
 from trainer.config import NetConfig
 from trainer.envs import parts_of, spaces_of
-from trainer.learners.backbone import Backbone, centred, read_backbone
+from trainer.learners.backbone import Backbone, centred, fresh, read_backbone
 from trainer.learners.world import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
@@ -63,7 +63,7 @@ class DrivingFeatures(BaseFeaturesExtractor):
         parts = parts_of(observation)
         seen: torch.Tensor = parts["image"]
         if not isinstance(self.convolutions, Backbone):
-            pixels = centred(seen) if self._centred else seen.float().permute(0, 3, 1, 2) / 255.0
+            pixels = centred(seen) if self._centred else fresh(seen).div_(255.0)
             seen = self.convolutions(pixels).flatten(1)
         elif seen.ndim > 2:
             seen = self.convolutions(seen)

@@ -19,6 +19,7 @@ from trainer.mp4 import enlarged
 
 _AHEAD_M = np.linspace(0.1, 0.55, 16)  # where the lane is drawn, before the axle
 _HALF_LINE_M = 0.1
+_FAR_PX = 1e4  # beyond it the lens says nothing, and figures may not fit
 _CYAN, _RED, _WHITE = (0, 230, 230), (255, 40, 40), (255, 255, 255)
 
 
@@ -75,5 +76,6 @@ def _line(
     picture: np.ndarray, floor_m: np.ndarray, rig: CameraRig, colour: tuple[int, ...]
 ) -> None:
     pixels = rig.to_pixels(np.column_stack((floor_m, np.zeros(len(floor_m)))))
-    points = np.rint(pixels[np.isfinite(pixels).all(axis=1)]).astype(np.int32)
+    near = np.abs(pixels).max(axis=1) < _FAR_PX  # nor a NaN
+    points = np.rint(pixels[near]).astype(np.int32)
     cv2.polylines(picture, [points[:, None]], False, colour, 3, cv2.LINE_AA)

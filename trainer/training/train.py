@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 
+import numba
 import torch
 from rich.console import Console
 from stable_baselines3.common.logger import configure
@@ -56,6 +57,8 @@ def train(
     DuckpilotError: ``make_env`` refuses the configuration; then nothing was written.
     """
     torch.set_num_threads(config.threads)
+    if config.workers > 1:
+        numba.set_num_threads(1)  # the other processes have the other cores
     own = share_of(config, rank=0)
     with ExitStack() as closing:
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)

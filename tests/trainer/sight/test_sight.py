@@ -10,11 +10,12 @@ from rich.console import Console
 from robot.errors import ConfigError, ContractError
 from robot.navigation.lane_view import KINDS, LaneView
 from robot.navigation.road_map import load_map
-from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
+from robot.vision.sight import COLUMNS, OnnxSight, Seen, SightContract, as_seen
 from sim_pybullet.look import NOMINAL
 from tests.trainer import judge_sight
 from trainer.cli import main
 from trainer.sight.cli import SHIPPED, SightRun
+from trainer.sight.draw import drawn
 from trainer.sight.network import SightNetwork, calibrate, export_sight
 from trainer.sight.pictures import (
     CROSSING,
@@ -193,3 +194,15 @@ def test_judging_writes_its_figures(untaught: Path, tmp_path: Path) -> None:
     found = json.loads(path.read_text())
     assert found["inputs"]["maps"] == ["town"]
     assert found["looks"][0]["offset_m"]["pictures"] > 0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("heading_rad", np.linspace(-np.pi, np.pi, 13))
+@pytest.mark.parametrize("curvature_pm", [-8.0, 0.0, 8.0])
+def test_a_lane_beside_or_behind_the_picture_is_no_trouble(
+    heading_rad: float, curvature_pm: float
+) -> None:
+    figures = np.array([[0.1, heading_rad, curvature_pm, 0.3, 0.3]])
+    said = np.ones(1), np.ones(1), np.full((1, len(KINDS)), 0.2), np.ones(1)
+    seen = Seen(figures, 0.1 * np.ones((1, 5)), *said)
+    assert drawn(np.full((120, 160, 3), 90, np.uint8), seen, NOMINAL.rig()).shape == (360, 480, 3)
