@@ -61,6 +61,7 @@ class BatchWorld:
             `sim_pybullet.episodes`.
         translator: what every picture passes through before the policy sees it.
         sources: what tells robots on maps where they are.
+        blank_in_junctions: pictures taken there are black, for policies and for sight.
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class BatchWorld:
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
         sources: PoseSources = ALWAYS,
+        blank_in_junctions: bool = False,
     ) -> None:
         image = image or ImageSpec()
         if not isinstance(image, ImageSpec):
@@ -92,6 +94,7 @@ class BatchWorld:
         self.feed = CameraFeed(
             drawing, n, image.crop_top_px, translator, movers=len(task.movers), frames=task.frames
         )
+        self._blank_in_junctions = blank_in_junctions
         self.guidance = None
         if task.guided:
             maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
@@ -228,6 +231,8 @@ class BatchWorld:
         drawn = None if everyone else robots
         skip, noise = (self._episodes.rng(kind, drawn) for kind in ("skip", "noise"))
         image = self.feed.pictures(skip, drawn, noise)
+        if self._blank_in_junctions:
+            image[self._shown_junctions(robots)] = 0
         if begun is None and self.guidance is not None:
             whole = np.zeros((self.n_robots, *image.shape[1:3], 3), np.uint8)
             whole[robots] = image[..., -3:]
@@ -241,6 +246,14 @@ class BatchWorld:
         nothing = None if path is None else np.zeros((self.n_robots, path.shape[1]), path.dtype)
         zeros = np.zeros((self.n_robots, *image.shape[1:]), image.dtype)
         return _replaced(Observation(zeros, nothing), robots, seen)
+
+
+    def _shown_junctions(self, robots: np.ndarray) -> np.ndarray:
+        """(M,) bool: whose newest picture was taken in a junction."""
+        places = self.task.road_maps
+        shown = zip(self.task.maps[robots].tolist(), self.feed.shown[robots, 0, :2].tolist())
+        tiles = [p.tile_at(*at) if isinstance(p := places[k], RoadMap) else None for k, at in shown]
+        return np.array([tile is not None and tile.is_junction for tile in tiles], dtype=bool)
 
 
 def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from robot.contract import ImageSpec, PolicyContract
+from robot.contract import Action, ImageSpec, PolicyContract
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
 from sim_pybullet import episodes
@@ -269,6 +269,23 @@ def test_a_zeroed_input_is_zero_and_the_other_is_not(navigator: Path) -> None:
         assert [d.seed for d in drives] == [0]
         assert set(seen) == {(zero != "image", zero != "path")}
         seen.clear()
+
+
+def test_junctions_may_be_blank(navigator: Path) -> None:
+    """Their pictures are zeros, and only theirs; the path stays."""
+    policy = OnnxPolicy(navigator)
+    asked = ("navigation", [load_map("arena")], [NOMINAL], range(4), "junctions")
+    seen = []
+
+    class Watched:
+        contract = policy.contract
+
+        def act(self, pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
+            seen.append((bool(pictures.any()), bool(path.any())))
+            return np.array([Action.STRAIGHT])  # on into a junction
+
+    evaluate(Watched(), *asked)
+    assert set(seen) == {(True, True), (False, True)}
 
 
 def test_navigation_is_evaluated_on_several_maps_with_pose_error(
