@@ -94,11 +94,13 @@ class BatchWorld:
         self.feed = CameraFeed(
             drawing, n, image.crop_top_px, translator, movers=len(task.movers), frames=task.frames
         )
+        self._maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
+        if blank_in_junctions and not self._maps:
+            raise ConfigError("zero: expected image, got junctions; a race track has none")
         self._blank_in_junctions = blank_in_junctions
         self.guidance = None
         if task.guided:
-            maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
-            self.guidance = GuidanceFeed(n, sources, maps)
+            self.guidance = GuidanceFeed(n, sources, self._maps)
         self._recorder = DriveRecorder(n)
         self._looks = [NOMINAL] * n
 
@@ -247,12 +249,10 @@ class BatchWorld:
         zeros = np.zeros((self.n_robots, *image.shape[1:]), image.dtype)
         return _replaced(Observation(zeros, nothing), robots, seen)
 
-
     def _shown_junctions(self, robots: np.ndarray) -> np.ndarray:
         """(M,) bool: whose newest picture was taken in a junction."""
-        places = self.task.road_maps
-        shown = zip(self.task.maps[robots].tolist(), self.feed.shown[robots, 0, :2].tolist())
-        tiles = [p.tile_at(*at) if isinstance(p := places[k], RoadMap) else None for k, at in shown]
+        maps, shown = self.task.maps[robots].tolist(), self.feed.shown[robots, 0, :2].tolist()
+        tiles = [self._maps[k].tile_at(*at) for k, at in zip(maps, shown, strict=True)]
         return np.array([tile is not None and tile.is_junction for tile in tiles], dtype=bool)
 
 

@@ -99,7 +99,7 @@ class EvaluateOptions:
     overhead: str = "always"  # When overhead poses come: always, 1-in-20 (seconds) or start.
     sight: str | None = None  # An ONNX sight, which corrects where robots believe to be.
     zero: str | None = None
-    """image, path or junctions (pictures taken there; sight's too): what is zeros for the policy."""
+    """image, path or junctions (pictures taken there, sight's too): zeros for the policy."""
     episodes: int = 100  # How many.
     seed: int = 1000  # Of the first episode; the next ones have the next seeds.
 
