@@ -82,6 +82,10 @@ class BatchWorld:
             raise ConfigError(
                 f"image: expected robot.contract.ImageSpec(width_px, height_px), got {image!r}"
             )
+        self._maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
+        if blank_in_junctions and not self._maps:
+            raise ConfigError("zero: expected image, got junctions; a race track has none")
+        self._blank_in_junctions = blank_in_junctions
         self.task = task
         self.n_robots = n = task.n_robots
         self._episodes: DrawnEpisodes | NumberedEpisodes
@@ -94,10 +98,6 @@ class BatchWorld:
         self.feed = CameraFeed(
             drawing, n, image.crop_top_px, translator, movers=len(task.movers), frames=task.frames
         )
-        self._maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
-        if blank_in_junctions and not self._maps:
-            raise ConfigError("zero: expected image, got junctions; a race track has none")
-        self._blank_in_junctions = blank_in_junctions
         self.guidance = None
         if task.guided:
             self.guidance = GuidanceFeed(n, sources, self._maps)

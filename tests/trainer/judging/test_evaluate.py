@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from robot.contract import Action, ImageSpec, PolicyContract
-from robot.inference.policy import OnnxPolicy
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.road_map import load_map
 from sim_pybullet import episodes
 from sim_pybullet.batch import DriveMetrics
@@ -303,6 +303,12 @@ def test_navigation_is_evaluated_on_several_maps_with_pose_error(
 def test_lane_keeping_has_no_path_to_zero(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "--model", str(model), "--zero", "path"]) == 2
     assert "expected image, got path" in capsys.readouterr().err
+
+
+def test_a_race_track_has_no_junctions_to_blank(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["evaluate", "--model", str(SHIPPED_MODELS / "track_ppo.onnx"), "--zero", "junctions"]
+    assert main([*asked, "--episodes", "1", "--workers", "1"]) == 2
+    assert "a race track has none" in capsys.readouterr().err
 
 
 def test_wilson_interval_of_the_literature() -> None:
