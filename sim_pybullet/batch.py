@@ -61,6 +61,7 @@ class BatchWorld:
             `sim_pybullet.episodes`.
         translator: what every picture passes through before the policy sees it.
         sources: what tells robots on maps where they are.
+        blank_in_junctions: pictures taken there are black, for policies and for sight.
     """
 
     def __init__(
@@ -74,12 +75,17 @@ class BatchWorld:
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
         sources: PoseSources = ALWAYS,
+        blank_in_junctions: bool = False,
     ) -> None:
         image = image or ImageSpec()
         if not isinstance(image, ImageSpec):
             raise ConfigError(
                 f"image: expected robot.contract.ImageSpec(width_px, height_px), got {image!r}"
             )
+        self._maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
+        if blank_in_junctions and not self._maps:
+            raise ConfigError("zero: expected image, got junctions; a race track has none")
+        self._blank_in_junctions = blank_in_junctions
         self.task = task
         self.n_robots = n = task.n_robots
         self._episodes: DrawnEpisodes | NumberedEpisodes
@@ -94,8 +100,7 @@ class BatchWorld:
         )
         self.guidance = None
         if task.guided:
-            maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
-            self.guidance = GuidanceFeed(n, sources, maps)
+            self.guidance = GuidanceFeed(n, sources, self._maps)
         self._recorder = DriveRecorder(n)
         self._looks = [NOMINAL] * n
 
@@ -228,6 +233,8 @@ class BatchWorld:
         drawn = None if everyone else robots
         skip, noise = (self._episodes.rng(kind, drawn) for kind in ("skip", "noise"))
         image = self.feed.pictures(skip, drawn, noise)
+        if self._blank_in_junctions:
+            image[self._shown_junctions(robots)] = 0
         if begun is None and self.guidance is not None:
             whole = np.zeros((self.n_robots, *image.shape[1:3], 3), np.uint8)
             whole[robots] = image[..., -3:]
@@ -241,6 +248,12 @@ class BatchWorld:
         nothing = None if path is None else np.zeros((self.n_robots, path.shape[1]), path.dtype)
         zeros = np.zeros((self.n_robots, *image.shape[1:]), image.dtype)
         return _replaced(Observation(zeros, nothing), robots, seen)
+
+    def _shown_junctions(self, robots: np.ndarray) -> np.ndarray:
+        """(M,) bool: whose newest picture was taken in a junction."""
+        maps, shown = self.task.maps[robots].tolist(), self.feed.shown[robots, 0, :2].tolist()
+        tiles = [self._maps[k].tile_at(*at) for k, at in zip(maps, shown, strict=True)]
+        return np.array([tile is not None and tile.is_junction for tile in tiles], dtype=bool)
 
 
 def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from trainer.config import RunConfig
 
 MOST_EPISODES = 10_000_000
+ZEROS = ("image", "path", "junctions")
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ class EvaluateOptions:
     translate: str | None = None  # An ONNX translator between preprocessed picture and policy.
     overhead: str = "always"  # When overhead poses come: always, 1-in-20 (seconds) or start.
     sight: str | None = None  # An ONNX sight, which corrects where robots believe to be.
-    zero: str | None = None  # image or path: what the policy gets zeros for.
+    zero: str | None = None
+    """image, path or junctions (pictures taken there, sight's too): zeros for the policy."""
     episodes: int = 100  # How many.
     seed: int = 1000  # Of the first episode; the next ones have the next seeds.
 
@@ -129,7 +131,7 @@ class EvaluateOptions:
         expect_between("episodes", self.episodes, 1, MOST_EPISODES)
         expect_between("seed", self.seed, 0, LARGEST_SEED - MOST_EPISODES)
         if self.zero is not None:
-            expect_one_of("zero", self.zero, ("image", "path"))
+            expect_one_of("zero", self.zero, ZEROS)
         expect_one_of("overhead", self.overhead, OVERHEAD)
         load_look_sampler(self.look, self.pose_error, self.without)
         if not (self.task or Path(self.model).exists()):

@@ -8,7 +8,8 @@ beside the pose, what spoils either source:
   its bound: without one, a scale of nearly nothing explains a robot that stands while it steps. An
   estimate beyond it is projected back, and the rest of the state with it (Simon, Kalman filtering
   with state constraints, IET Control Theory and Applications 4, 2010, section 2.3);
-* what sight says wrong of offset and heading, where there is sight: its camera is mounted by hand;
+* what sight says wrong of offset, heading and, as a share of it, the way to a red line, where there
+  is sight: its camera is mounted by hand;
 * the error of the overhead poses, which drifts. Taken for white it would be averaged away over a
   few pictures, which it is not (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
   Tracking and Navigation, 8.3: coloured measurement noise by state augmentation).
@@ -31,7 +32,8 @@ from robot.geometry import between, carried, compose, ellipses_95, radius_95, un
 HISTORY_S = 3.0  # older pictures are refused
 _UNKNOWN_HEADING_RAD = 1e3  # standard deviation of a heading that was not measured
 _POSE, _CALIBRATION, _ERROR = slice(0, 3), slice(3, 6), slice(6, 9)  # parts of the state
-SEEN = slice(9, 11)  # the part that only robots with sight have
+SEEN = slice(9, 12)  # the part that only robots with sight have
+SEEN_LINE = 11  # of that, of the red line
 _FORWARD, _TURN, _DRIFT = 3, 4, 5  # the calibration
 
 
@@ -61,6 +63,7 @@ class FusionConfig:
     sight: bool = False  # whether there are states for the error of sight
     seen_offset_m: float = 0.008  # of that error, which goes with camera, lens and light
     seen_heading_rad: float = math.radians(2.5)
+    seen_line: float = 0.08  # share of a red line's distance
     seen_correlation_s: float = 20.0  # over which it drifts
 
 
@@ -74,7 +77,8 @@ class PoseFusion:
         wheels = (config.forward_scale, config.turn_scale, config.drift_rad_per_m)
         overhead = (config.position_m, config.position_m, config.heading_rad)
         self._overhead_variance = np.square(overhead)
-        self._seen_variance = np.square((config.seen_offset_m, config.seen_heading_rad))
+        seen = (config.seen_offset_m, config.seen_heading_rad, config.seen_line)
+        self._seen_variance = np.square(seen)
         # Of a robot whose place is known, and its wheels and sight not yet.
         known = np.concatenate((np.zeros(3), np.square(wheels), np.zeros(3), self._seen_variance))
         self._first = np.diag(known[: self._states])
@@ -211,7 +215,7 @@ class PoseFusion:
         return np.asarray(taken)
 
     def seen_error(self) -> np.ndarray:
-        """(N, 2) what sight seems to say wrong: offset [m], heading [rad]."""
+        """(N, 3) what sight says wrong: offset [m], heading [rad], share of the line's distance."""
         return self._state[:, SEEN].copy()
 
     def _then(self, when_s: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -259,7 +263,7 @@ class PoseFusion:
         keep = math.exp(-elapsed_s / config.correlation_s)
         keep_seen = math.exp(-elapsed_s / config.seen_correlation_s)
         change = np.zeros_like(self._covariance)  # Jacobian of the new state by the old one
-        kept = np.array((1.0,) * 6 + (keep,) * 3 + (keep_seen,) * 2)[: self._states]
+        kept = np.array((1.0,) * 6 + (keep,) * 3 + (keep_seen,) * 3)[: self._states]
         change[:, range(self._states), range(self._states)] = kept
         change[:, 0, 2], change[:, 1, 2] = -displaced_m[:, 1], displaced_m[:, 0]
         change[:, 0, _FORWARD], change[:, 1, _FORWARD] = forward_m * c, forward_m * s
@@ -275,7 +279,7 @@ class PoseFusion:
         noise[:, 2, 2] = config.turn_noise**2 * np.abs(turn_rad) + config.wander_rad**2 * length_m
         noise[:, range(6, 9), range(6, 9)] = (1.0 - keep**2) * self._overhead_variance
         if config.sight:
-            noise[:, (9, 10), (9, 10)] = (1.0 - keep_seen**2) * self._seen_variance
+            noise[:, range(9, 12), range(9, 12)] = (1.0 - keep_seen**2) * self._seen_variance
         self._covariance = change @ self._covariance @ change.transpose(0, 2, 1) + noise
         self._state[:, 6:] *= kept[6:]
 

@@ -13,7 +13,7 @@ from typing import Sequence, Tuple
 import numpy as np
 
 from robot.geometry import wrap_angle
-from robot.navigation.fusion import SEEN, PoseFusion
+from robot.navigation.fusion import SEEN, SEEN_LINE, PoseFusion
 from robot.navigation.lane_view import LaneAhead, LaneView
 from robot.vision.sight import Seen
 
@@ -55,14 +55,14 @@ class SightFix:
         for i, road in self._roads(asked, poses):
             along, left = _directions(road)
             expected = np.array((road.offset_m, road.heading_rad, road.curvature_pm))
-            expected[:2] += error[i]
+            expected[:2] += error[i, :2]
             innovation[i] = seen.figures[i, :3] - expected
             innovation[i, 1] = wrap_angle(innovation[i, 1])
             design[i, 0, :2] = left
             design[i, 1, :2] = -road.bend_pm * along
             design[i, 1, 2] = 1.0
             design[i, 2, :2] = road.slope_pm2 * along
-            design[i, (0, 1), SEEN] = np.eye(2)
+            design[i, (0, 1), (SEEN.start, SEEN.start + 1)] = 1.0
             spread = _WIDER * (seen.deviations[i, :3] ** 2 + _LEAST[:3] ** 2)
             spread[1] += (_DELAY_SHARE * since[i, 2]) ** 2
             if math.isnan(innovation[i, 2]):
@@ -75,12 +75,13 @@ class SightFix:
     ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The way to the red line."""
         innovation, design, noise = _empty(len(asked), 1)
-        near, far = _LINE_M
+        (near, far), scales = _LINE_M, 1.0 + self.fusion.seen_error()[:, 2]
         for i, road in self._roads(asked, poses):
             seen_m = float(seen.figures[i, 3])
             if math.isfinite(road.line_m) and near <= seen_m <= far:
-                innovation[i] = seen_m - road.line_m
-                design[i, 0, :2] = -_directions(road)[0]
+                innovation[i] = seen_m - scales[i] * road.line_m
+                design[i, 0, :2] = -scales[i] * _directions(road)[0]
+                design[i, 0, SEEN_LINE] = road.line_m
                 noise[i] = _WIDER * (seen.deviations[i, 3] ** 2 + _LEAST[3] ** 2)
         return innovation, design, noise
 

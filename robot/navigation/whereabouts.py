@@ -42,6 +42,7 @@ _JUNCTIONS = 3  # that it crosses by itself, at most,
 _FARTHEST_M = 15.0  # in so much driving
 _NOW = 4.0  # what the newest picture counts, when one is chosen to drive on by
 _BETTER = 4.0  # than the one of before
+_LOOKING = FusionConfig(sight=True, seen_line=1e-3)  # red lines tell the place, not the camera
 
 # The place that is left: pose, and deviations of x [m], y [m] and heading [rad].
 Place = Tuple[Pose, Tuple[float, float, float]]
@@ -63,7 +64,7 @@ class Whereabouts:
             headings = np.arctan2(*bezier_tangents(control, t).T[::-1])
             found.append(np.column_stack((bezier_points(control, t), headings)))
         poses = np.concatenate(found)
-        self._fusion = PoseFusion(len(poses), FusionConfig(sight=True))
+        self._fusion = PoseFusion(len(poses), _LOOKING)
         self._fix = SightFix(self._fusion, [self._view] * len(poses))
         self._fusion.put(np.arange(len(poses)), poses, (_FIRST[0], _FIRST[0], _FIRST[2]))
         self._weights = np.zeros(len(poses))  # logarithms, the greatest 0
@@ -85,11 +86,11 @@ class Whereabouts:
     def sentence(self) -> str:
         """How far it has come, for a person."""
         fit = "one place fits" if self.places == 1 else f"{self.places} places fit"
-        by_itself = "" if self._given_up else "let it drive on, "
+        ways = ["let it drive on"] * (not self._given_up)
+        ways += ["drive it by hand through a junction or two"] * self._view.junctions
+        told = ", or ".join([", ".join(ways)] * bool(ways) + ["say on the monitor where it stands"])
         return (
-            f"the robot looks for its place, and {fit} what it saw, not surely enough yet; "
-            f"{by_itself}drive it by hand through a junction or two, or say on the monitor where "
-            "it stands"
+            f"the robot looks for its place, and {fit} what it saw, not surely enough yet; {told}"
         )
 
     @property

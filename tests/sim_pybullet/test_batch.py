@@ -5,6 +5,7 @@ import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from robot.errors import ConfigError, ContractError
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchStep, BatchWorld
 from sim_pybullet.episodes import LookPool
-from sim_pybullet.look import NOMINAL, DriveLook, GroundLook, Look
+from sim_pybullet.look import NOMINAL, DriveLook, GroundLook, Look, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.navigation import Navigation
 from tests.sim_pybullet.db18 import DB18_DRIVE
 from tests.sim_pybullet.flat_camera import PoseCamera, shown_poses
 
@@ -197,3 +199,31 @@ def test_worlds_of_one_seed_share_their_floors_and_leave_none_behind() -> None:
 def test_an_empty_pool_is_refused() -> None:
     with pytest.raises(ConfigError, match="at least one Look"):
         LookPool([LOOP], [], np.random.default_rng(0))
+
+
+def test_pictures_taken_in_junctions_are_blank_if_asked_for_and_no_others() -> None:
+    """To who drives and to who tells where robots are; late ones by where they were taken."""
+    arena, look = load_map("arena"), replace(NOMINAL, timing=TimingLook(camera_delay_s=0.2))
+    worlds, told = [], []
+    for blank in (False, True):
+        task, camera = Navigation([arena], 12), PoseCamera(12)
+        world = BatchWorld(task, (look,), seed=5, camera=camera, blank_in_junctions=blank)
+        world.guidance = Mock(wraps=world.guidance)
+        worlds.append(world)
+    seen = [world.reset() for world in worlds]
+    for _ in range(150):
+        places = shown_poses(seen[0].image)[:, :2].tolist()
+        inside = np.array([arena.tile_at(*at).is_junction for at in places])  # type: ignore[union-attr]
+        np.testing.assert_array_equal(seen[1].image[~inside], seen[0].image[~inside])
+        assert seen[0].image.any(axis=(1, 2, 3)).all()
+        assert not seen[1].image[inside].any()
+        told.append(inside)
+        actions = worlds[0].expert_actions()
+        steps = [world.step(actions) for world in worlds]
+        seen = [step.observation for step in steps]
+        if not len(steps[0].finished.robots):
+            (to_sight, *_), _ = worlds[1].guidance.see.call_args  # type: ignore[union-attr]
+            np.testing.assert_array_equal(to_sight, seen[1].image)
+    assert 0.1 < np.mean(told) < 0.9
+    for world in worlds:
+        world.close()

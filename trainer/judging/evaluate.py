@@ -194,11 +194,17 @@ def ridden(
 
     An episode is the same whichever others are driven (`sim_pybullet.episodes.NumberedEpisodes`),
     to the rounding of a robot's place. Consecutive seeds take the maps in turn, and on each map
-    both lanes of a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path or
-    nothing. ConfigError for a path that is not there, or a lane in a task that keeps none.
+    both lanes of a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path,
+    junctions (pictures taken there, sight gets them too) or nothing. ConfigError for a path that is
+    not there, or a lane in a task that keeps none.
     """
     task_of_all = find_task(task).build(road_maps, len(seeds), Choices(lane))
-    world = BatchWorld(task_of_all, looks, None, _FIRST_WORLD, numbers=seeds, sources=sources)
+    world = BatchWorld(
+        *(task_of_all, looks, None, _FIRST_WORLD),
+        numbers=seeds,
+        sources=sources,
+        blank_in_junctions=zero == "junctions",
+    )
     speeds = _own_speeds(policy, world)
 
     def choose(seen: Observation) -> np.ndarray:

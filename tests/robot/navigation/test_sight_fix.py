@@ -16,7 +16,7 @@ from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.planner import LaneGraph, path_on
-from robot.navigation.road_map import load_map
+from robot.navigation.road_map import Lane, load_map
 from robot.navigation.sight_fix import SightFix
 from robot.vision.sight import Seen, SightContract
 from tests.robot.navigation.test_navigator import GOAL, TOWN, World, driving
@@ -219,6 +219,37 @@ def test_a_steady_error_of_sight_becomes_a_state_and_not_a_pose() -> None:
         fix.see(seen._replace(road=np.ones(1)), np.ones(1, dtype=bool), now_s)
     assert fusion.seen_error()[0, 0] > 0.012
     assert np.hypot(*(fusion.poses[0, :2] - truth[:2])) < 0.008
+
+
+def test_a_steady_error_of_the_red_lines_distance_becomes_a_state_too() -> None:
+    """As of a camera that looks up a little: each line seems a tenth farther than it is."""
+    view, fusion = LaneView(TOWN), PoseFusion(1, FusionConfig(sight=True, position_m=0.004))
+    rng, poses = np.random.default_rng(0), (lane_pose(lane) for lane in TOWN.lanes)
+    truth = next(pose for pose in poses if near(view, pose))
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.measure(np.array([truth]), np.zeros(1))
+    fix, road = SightFix(fusion, [view]), view.at(*truth)
+    assert road is not None
+    figures = np.array([[road.offset_m, road.heading_rad, 0.0, 1.1 * road.line_m]])
+    deviations = np.array([[0.01, 0.05, 9.0, 0.02]])
+    seen = Seen(figures, deviations, np.ones(1), np.ones(1), np.zeros((1, 5)), np.zeros(1))
+    for k in range(1, 60):
+        fusion.move(np.zeros(1), np.zeros(1), 0.1 * k)
+        told = np.array([truth]) + rng.normal(0.0, (0.004, 0.004, 0.05))
+        fusion.measure(told, np.array([0.1 * k]))
+        fix.see(seen, np.ones(1, dtype=bool), 0.1 * k)
+    assert 0.05 < fusion.seen_error()[0, 2] < 0.12
+    assert np.hypot(*(fusion.poses[0, :2] - truth[:2])) < 0.008
+
+
+def near(view: LaneView, pose: Pose) -> bool:
+    road = view.at(*pose)
+    return road is not None and not road.in_junction and 0.25 < road.line_m < 0.45
+
+
+def lane_pose(lane: Lane) -> Pose:
+    begins, *_, ends = lane.control_points_m
+    return Pose(*begins, math.atan2(*(ends - begins)[::-1])).moved(0.15, 0.0)
 
 
 def test_what_cannot_be_is_not_believed() -> None:

@@ -13,7 +13,7 @@ from robot.geometry import Pose, between, wrap_angle
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.path import Path
-from robot.navigation.planner import LaneGraph, plan_path
+from robot.navigation.planner import LaneGraph, path_on, plan_path
 from robot.navigation.road_map import RoadMap, load_map
 from robot.navigation.whereabouts import Place, Whereabouts
 from robot.safety.state_machine import Command
@@ -117,6 +117,40 @@ def test_where_every_place_looks_alike_it_never_says_that_it_knows() -> None:
         assert search.see(look(view, pose, rng), 0.1 * k) == ()
     assert search.places > 4
     assert f"{search.places} places fit" in search.sentence
+
+
+def lap(road_map: RoadMap, seed: int) -> Tuple[Whereabouts, Optional[Place], Pose]:
+    """Along one lane of a ring until the place is found or 15 m are driven in vain."""
+    rng, graph, view = np.random.default_rng(seed), LaneGraph(road_map), LaneView(road_map)
+    control = graph.lanes[int(rng.integers(len(graph.lanes)))].control_points_m
+    began = Pose(*control[0], math.atan2(*(control[1] - control[0])[::-1]))
+    search = Whereabouts(graph, view)
+    for k, (truth, forward_m, turn_rad) in enumerate(steps_along(path_on(graph, began, 16.0))):
+        search.move(1.03 * forward_m, turn_rad, 0.1 * (k + 1))
+        for place in search.see(look(view, truth, rng), 0.1 * (k + 1)):
+            return search, place, truth
+    return search, None, truth
+
+
+@pytest.mark.parametrize("name", ["rings/wedge", "rings/bean"])
+def test_a_ring_without_junctions_tells_the_place_by_its_bends(name: str) -> None:
+    for seed in range(count(2, 10)):
+        _, place, truth = lap(load_map(name), seed)
+        assert place is not None
+        assert math.dist(place[0][:2], truth[:2]) < 0.15
+        assert abs(float(wrap_angle(place[0].heading_rad - truth.heading_rad))) < 0.35
+
+
+@pytest.mark.parametrize("name", ["loop", "rings/zigzag"])
+def test_a_ring_that_is_the_same_turned_half_round_does_not_and_that_is_said(name: str) -> None:
+    for seed in range(count(1, 5)):
+        search, place, _ = lap(load_map(name), seed)
+        assert place is None
+        assert search.places == 2
+        assert search.on(0.0) is None, "it gave up"
+        assert search.sentence.endswith(
+            "2 places fit what it saw, not surely enough yet; say on the monitor where it stands"
+        )
 
 
 def test_a_navigator_that_nothing_tells_its_place_looks_for_it_and_then_plans() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from robot.contract import ImageSpec, PolicyContract
-from robot.inference.policy import OnnxPolicy
+from robot.contract import Action, ImageSpec, PolicyContract
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.road_map import load_map
 from sim_pybullet import episodes
 from sim_pybullet.batch import DriveMetrics
@@ -271,6 +271,23 @@ def test_a_zeroed_input_is_zero_and_the_other_is_not(navigator: Path) -> None:
         seen.clear()
 
 
+def test_junctions_may_be_blank(navigator: Path) -> None:
+    """Their pictures are zeros, and only theirs; the path stays."""
+    policy = OnnxPolicy(navigator)
+    asked = ("navigation", [load_map("arena")], [NOMINAL], range(4), "junctions")
+    seen = []
+
+    class Watched:
+        contract = policy.contract
+
+        def act(self, pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
+            seen.append((bool(pictures.any()), bool(path.any())))
+            return np.array([Action.STRAIGHT])  # on into a junction
+
+    evaluate(Watched(), *asked)
+    assert set(seen) == {(True, True), (False, True)}
+
+
 def test_navigation_is_evaluated_on_several_maps_with_pose_error(
     navigator: Path, tmp_path: Path
 ) -> None:
@@ -286,6 +303,12 @@ def test_navigation_is_evaluated_on_several_maps_with_pose_error(
 def test_lane_keeping_has_no_path_to_zero(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "--model", str(model), "--zero", "path"]) == 2
     assert "expected image, got path" in capsys.readouterr().err
+
+
+def test_a_race_track_has_no_junctions_to_blank(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["evaluate", "--model", str(SHIPPED_MODELS / "track_ppo.onnx"), "--zero", "junctions"]
+    assert main([*asked, "--episodes", "1", "--workers", "1"]) == 2
+    assert "a race track has none" in capsys.readouterr().err
 
 
 def test_wilson_interval_of_the_literature() -> None:
