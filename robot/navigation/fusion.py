@@ -196,11 +196,12 @@ class PoseFusion:
         self.rejected = np.where(taken, 0, self.rejected + fresh)
 
     def correct(self, compare: Compare, captured_s: np.ndarray) -> np.ndarray:
-        """Take what else was measured of the poses at times (N,) [s]; who (N,) took it.
+        """Take what else was measured of the poses at times (N,) [s].
 
         ``compare`` is told the estimates then, and the steps since, both (N, 3); it gives what
         was measured less what they let expect (N, K), NaN where nothing was measured, how that
-        goes with the state (N, K, S), and its covariance (N, K, K). What is farther off than
+        goes with the state (N, K, S), and its covariance (N, K, K). Gives how far off that is (N,),
+        a squared Mahalanobis distance, NaN where nothing was measured. What is farther off than
         ``gate`` is ignored.
         """
         state, since, covariance = self._then(captured_s)
@@ -210,9 +211,8 @@ class PoseFusion:
         distance = _update(state, covariance, innovation, design, noise)
         _mend(covariance)
         self._bound(state, covariance)
-        taken = known & (distance < self.config.gate)
-        self._take(taken, state, since, covariance)
-        return np.asarray(taken)
+        self._take(known & (distance < self.config.gate), state, since, covariance)
+        return np.where(known, distance, np.nan)
 
     def seen_error(self) -> np.ndarray:
         """(N, 3) what sight says wrong: offset [m], heading [rad], share of the line's distance."""

@@ -27,7 +27,7 @@ from robot.link.messages import (
     thin_path,
 )
 from robot.link.wire import tidy_text
-from robot.navigation.finding import Finding
+from robot.navigation.finding import STRANGE, Finding
 from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import AHEAD_M
@@ -118,7 +118,7 @@ class MissionNavigator:
         if tile is None or not tile.is_road:
             raise PlanError("expected a place on the road, that is beside it")
         self._fusion.put(np.arange(1), np.array([pose]), WORD)
-        self._finding.learned = False
+        self._finding.learned, self._finding.strange = False, 0.0
         self._way.reset()
         self._jumps = 0
 
@@ -211,7 +211,7 @@ class MissionNavigator:
             pose_within=within,
             driven_m=self._driven_m,
             off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
-            pose_jump=self._jumps >= JUMPS,
+            pose_jump=self._jumps >= JUMPS or self._strange(now_s),
             pose_doubt=(doubt.doubtful and not doubt.stands) or now_s - self._within_s > BOUND_S,
             not_moving=doubt.doubtful and doubt.stands,
             duplicate_publisher=self._gate.stream.conflict(now_s),
@@ -221,6 +221,12 @@ class MissionNavigator:
             return way._replace(ahead=self._ahead(now_s, self._path, pose))
         on = self._finding.on(now_s, self._driving) if self.searches and self._finding else None
         return guidance if on is None else self._drive_on(guidance, on, now_s)
+
+    def _strange(self, now_s: float) -> bool:
+        """Whether pictures alone tell the place, and show that it is another one."""
+        if self._finding is None or now_s - self._arrived_s < HEARD_S:
+            return False
+        return self._finding.strange > STRANGE
 
     @property
     def searches(self) -> bool:

@@ -36,15 +36,19 @@ class SightFix:
         self.fusion, self.views = fusion, list(views)
         self.took_s = np.full(len(self.views), -math.inf)  # when each was last corrected
 
-    def see(self, seen: Seen, fresh: np.ndarray, now_s: float) -> None:
-        """Take what N pictures show that came now; ``fresh`` (N,) tells whose is a new one."""
+    def see(self, seen: Seen, fresh: np.ndarray, now_s: float) -> np.ndarray:
+        """Take what N pictures show that came now; ``fresh`` (N,) tells whose is a new one.
+
+        Gives how far from the map's lane that is, as `PoseFusion.correct`.
+        """
         captured_s = np.full(len(fresh), now_s - USUAL_DELAY_S)
         sure = fresh & (seen.road > ROAD)
-        took = self.fusion.correct(lambda *told: self._lane(seen, sure, *told), captured_s)
-        self.took_s = np.where(took, now_s, self.took_s)
+        far = self.fusion.correct(lambda *told: self._lane(seen, sure, *told), captured_s)
+        self.took_s = np.where(far < self.fusion.config.gate, now_s, self.took_s)
         lined = sure & (seen.line > LINE)
         if lined.any():
             self.fusion.correct(lambda *told: self._line(seen, lined, *told), captured_s)
+        return far
 
     def _lane(
         self, seen: Seen, asked: np.ndarray, poses: np.ndarray, since: np.ndarray

@@ -126,7 +126,8 @@ class Trip(NamedTuple):
 # A doubt that an input names, by its reason.
 _DOUBTS = {
     Reason.DUPLICATE_PUBLISHER: "two localizers send poses of this robot; switch one off",
-    Reason.POSE_JUMP: "the overhead pose jumped farther than the robot can drive",
+    Reason.POSE_JUMP: "the overhead pose, or the lane in the pictures, jumped farther than the "
+    "robot can drive; was it carried?",
     Reason.NOT_MOVING: "the wheels step, but the overhead poses stand; is the robot held, lifted "
     "or blocked, or the overhead picture frozen?",
     Reason.POSE_DOUBT: "the overhead poses tell another way than the wheels; do they drift, or are "

@@ -56,6 +56,18 @@ def test_cases_are_chosen_by_family_and_name() -> None:
     assert [(case.family, case.name) for case in meet.chosen(options)] == [("camera", "stops")]
 
 
+def test_by_sight_alone_nobody_asks_what_the_localizer_tells() -> None:
+    model = Path("nav.onnx")
+    every, seen = (meet.chosen(FaultsOptions(model, sight)) for sight in (None, Path("s.onnx")))
+    names = {(case.family, case.name) for case in seen}
+    assert ("camera", "stops") in names
+    assert not any(family in ("localizer", "traffic") for family, _ in names)
+    assert not names & {("network", "poses cut"), ("ways", "drift left"), ("ways", "swapped")}
+    for name, limit_s, by_sight_s in (("turned round", 1.0, 4.0), ("stops", 0.2, 0.2)):
+        (of_all,), (of_seen,) = ([c for c in each if c.name == name] for each in (every, seen))
+        assert (of_all.threshold_s, of_seen.threshold_s) == (limit_s, by_sight_s)
+
+
 def test_wrong_input_ends_with_status_2(capsys: pytest.CaptureFixture) -> None:
     assert faults.main(["--model", "m.onnx", "--case", "stop"]) == 2
     assert "did you mean" in capsys.readouterr().err

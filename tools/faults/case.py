@@ -33,6 +33,7 @@ class Case:
     what: str  # the fault in words
     inject: Act  # breaks something; what it gives may be a context, whose end mends it
     threshold_s: float = 0.0  # age at which it counts; the wheels stop ``STOP_BUDGET_S`` later
+    by_sight_s: float = 0.0  # the same where sight alone tells the place, if it differs
     says: str = ""  # what the reason shown must contain, a regular expression
     states: tuple[str, ...] = ("FAULT",)  # to be shown, any of them; none: it must drive on
     before: Act = nothing  # prepares the bench, before the robot drives off
@@ -40,6 +41,7 @@ class Case:
     moving: bool = True
     silent: bool = False  # the page must say that the robot is silent
     check: tuple[Act, ...] = ()  # last looks before mending; each tells what is wrong, or ""
+    poses: bool = False  # of the localizer are what it is about: none by sight alone
     drives_again: bool = False  # mended, and armed by a person, without a new start
 
 

@@ -12,7 +12,7 @@ class FaultsOptions:
     """Which faults, and who meets them."""
 
     model: Path  # An ONNX policy for navigation.
-    sight: Path | None = None  # ONNX; while it drives, it alone tells the place.
+    sight: Path | None = None  # ONNX; it alone tells the place, without a localizer.
     family: tyro.conf.UseAppendAction[tuple[str, ...]] = ()  # Only this one; once for each.
     case: tyro.conf.UseAppendAction[tuple[str, ...]] = ()  # Only this one, by name; once for each.
     seed: int = 0  # Of everything random.

@@ -32,7 +32,7 @@ def every_case() -> list[Case]:
 
 
 def chosen(options: FaultsOptions) -> list[Case]:
-    """The cases asked for. DuckpilotError: no such case."""
+    """The cases asked for, by sight alone those without poses. DuckpilotError: no such case."""
     for wanted in options.family:
         if wanted not in FAMILIES:
             raise DuckpilotError(f"no family {wanted!r}; {nearest(wanted, FAMILIES)}")
@@ -42,7 +42,14 @@ def chosen(options: FaultsOptions) -> list[Case]:
     for wanted in options.case:
         if wanted not in names:
             raise DuckpilotError(f"no case {wanted!r}; {nearest(wanted, sorted(names))}")
-    return [case for case in every if not options.case or case.name in options.case]
+    asked = [case for case in every if not options.case or case.name in options.case]
+    if not options.sight:
+        return asked
+    return [
+        replace(case, threshold_s=case.by_sight_s or case.threshold_s)
+        for case in asked
+        if not case.poses
+    ]
 
 
 def meet(options: FaultsOptions) -> int:
@@ -55,7 +62,9 @@ def meet(options: FaultsOptions) -> int:
     _play(cases, outcomes, options)
     if options.report:
         met = {(outcome.family, outcome.name) for outcome in outcomes}
-        named = [(case.family, case.name) for case in every_case()]
+        named = [
+            (case.family, case.name) for case in chosen(FaultsOptions(options.model, options.sight))
+        ]
         write_report(outcomes, options.report, [" ".join(n) for n in named if n not in met])
     failed = [outcome for outcome in outcomes if not outcome.passed]
     for outcome in failed:
@@ -68,8 +77,9 @@ def _play(cases: list[Case], outcomes: list[Outcome], options: FaultsOptions) ->
     """Those without an outcome yet, on the bench that each family needs."""
     done = {(outcome.family, outcome.name) for outcome in outcomes}
     todo = [case for case in cases if (case.family, case.name) not in done]
-    alone = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
-    among = replace(alone, among=True)
+    common = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
+    alone = replace(common, localizer=not options.sight)
+    among = replace(common, among=True)
     sight = SHIPPED_MODELS / "sight.onnx"
     keeper = replace(among, map="loop", model=LANE_KEEPER, sight=sight, leader=options.model)
     benches = {"traffic": among, "by sight": keeper}

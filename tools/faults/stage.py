@@ -23,6 +23,7 @@ from robot.link.sockets import Link
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.in_step import let_sockets_wait
+from tools.loop.missions import Driver
 from tools.loop.operator import Operator
 from tools.loop.shared_time import SharedTime, message_number
 from tools.loop.timekeeper import BenchError, Conductor
@@ -89,6 +90,7 @@ class StandIn:
 
 START = Pose(0.132, 2.156, -math.pi / 2.0)  # on the longest straight lane of the arena
 GOAL = (1.892, 1.76)  # the end of a lane, to which the way is longest
+FROM = Pose(2.068, 0.563, math.pi / 2.0)  # 4 m before the start: a robot finds its place on the way
 RING = (Pose(0.66, 0.18, 0.0), (3.33, 1.85))  # the same on the loop, for who keeps its lane
 AHEAD_M = 0.6  # of the start a second robot begins
 DRIVE_S = 1.7  # until the fault comes: at full speed
@@ -115,6 +117,7 @@ class Stage:
         self.note = ""  # from a case's injection to its check
         self._broken = ExitStack()  # what mends it
         self.start, self.goal = RING if options.leader else (START, GOAL)
+        self._driver = Driver(self.bench, self.rng)
         self.bench.town.world.place(self.start)
 
     def __enter__(self) -> Stage:
@@ -153,6 +156,9 @@ class Stage:
             self.run(0.3)
         bench.until(lambda: operator.ask("disarm")[0], SETTLE_S, "the robot to be disarmed")
         self.run(STAND_S)
+        if not bench.options.localizer:
+            self._find()
+            return
         bench.town.world.place(self.start)
         places = [] if bench.options.leader else [(operator, self.start)]
         if bench.town.second is not None:
@@ -169,6 +175,18 @@ class Stage:
         self.run(BELIEF_S)
         bench.meet()
 
+    def _find(self) -> None:
+        """Told roughly where it stands, as without a localizer: it finds out, and drives there."""
+        self.bench.town.world.place(FROM)
+        self._driver.find()
+        record = self._driver.drive(self.start[:2])
+        if not record.arrived:
+            raise BenchError(
+                f"expected the robot at the start, it is {record.phase}: {record.reason}"
+            )
+        self.bench.until(lambda: self.bench.operator.ask("disarm")[0], SETTLE_S, "a rest")
+        self.run(BELIEF_S)
+
     def drive_off(self) -> None:
         """On a mission, or along its lane, at full speed."""
         bench, operator = self.bench, self.bench.operator
@@ -176,8 +194,6 @@ class Stage:
             expect(operator, "arm")
             bench.type("auto")
         else:
-            if bench.options.sight:
-                bench.freeze("localizer")
             expect(operator, "arm")
             expect(operator, "mission", self.goal)
         self.run(DRIVE_S)

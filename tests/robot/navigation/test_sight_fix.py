@@ -79,6 +79,7 @@ def drive(world: World, decisions: int) -> None:
         world.follow(world.guidance.path, seen=False)
         step_m = math.hypot(world.odometry.x_m - before.x_m, world.odometry.y_m - before.y_m)
         world.pose = world.pose.moved((SLIP - 1.0) * step_m, 0.0)
+        assert not world.guidance.pose_jump
         if world.guidance.arrived:
             return
 
@@ -110,6 +111,49 @@ def test_it_is_sure_while_it_sees_and_unsure_soon_after() -> None:
         driven += 1
         assert driven < 60, "it must not believe in its wheels for ever"
     assert driven > 3
+
+
+def until_strange(world: World, decisions: int, told: bool = False) -> int:
+    """How many decisions pass until it says so, straight on; at most these."""
+    for k in range(decisions):
+        if world.turn(0.02, seen=told).pose_jump:
+            return k
+    return decisions
+
+
+def on_its_way() -> World:
+    """A second after the last overhead pose."""
+    world = seeing()
+    drive(world, 12)
+    return world
+
+
+@pytest.mark.parametrize("by_rad", [-2.2, 2.2])
+def test_who_is_turned_round_finds_the_lane_strange_within_a_second(by_rad: float) -> None:
+    world = on_its_way()
+    world.pose = world.pose.moved(0.0, by_rad)
+    assert until_strange(world, 30) < 10
+
+
+def test_who_sees_no_road_where_the_map_has_a_lane_finds_that_strange_after_a_second() -> None:
+    world = on_its_way()
+    world.sight.blind = True  # type: ignore[attr-defined]
+    assert 5 < until_strange(world, 30) <= 12
+
+
+def test_pictures_are_not_asked_while_the_localizer_tells_the_place() -> None:
+    world = on_its_way()
+    world.sight.blind = True  # type: ignore[attr-defined]
+    assert until_strange(world, 30, told=True) == 30
+
+
+def test_a_person_who_says_where_it_stands_ends_the_doubt() -> None:
+    world = on_its_way()
+    world.pose = world.pose.moved(0.0, math.pi)
+    assert until_strange(world, 30) < 30
+    world.pose = world.pose.moved(0.0, math.pi)
+    world.navigator.put(world.pose)
+    assert until_strange(world, 3) == 3
 
 
 @pytest.mark.parametrize("narrow", [0.0, 0.2, 0.5, 0.7, 0.9, 1.0])
