@@ -179,6 +179,8 @@ class Stage:
         """Told roughly where it stands, as without a localizer: it finds out, and drives there."""
         self.bench.town.world.place(FROM)
         self._driver.find()
+        if self.bench.operator.state == "FAULT":
+            raise BenchError(f"expected it to find its place: {self.bench.operator.reason}")
         record = self._driver.drive(self.start[:2])
         if not record.arrived:
             raise BenchError(
