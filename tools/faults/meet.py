@@ -74,7 +74,7 @@ def meet(options: FaultsOptions) -> int:
 
 
 def _play(cases: list[Case], outcomes: list[Outcome], options: FaultsOptions) -> None:
-    """Those without an outcome yet, on the bench that each family needs."""
+    """Those without an outcome yet, each family on a bench of its own."""
     done = {(outcome.family, outcome.name) for outcome in outcomes}
     todo = [case for case in cases if (case.family, case.name) not in done]
     common = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
@@ -85,7 +85,8 @@ def _play(cases: list[Case], outcomes: list[Outcome], options: FaultsOptions) ->
     benches = {"traffic": among, "by sight": keeper}
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn()) as bar:
         task = bar.add_task("faults", total=len(cases), completed=len(cases) - len(todo))
-        for bench, rows in groupby(todo, lambda case: benches.get(case.family, alone)):
+        for family, rows in groupby(todo, lambda case: case.family):
+            bench = benches.get(family, alone)
             with (
                 tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
                 Stage(bench, Path(folder)) as stage,

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 
 from tools.loop.shared_time import SharedTime
 
-IDLE = struct.Struct("!d")  # until when [s]
+IDLE = struct.Struct("!dI")  # until when [s], and how many times it was let go on
 GO = b"g"
 SOON_S = 1e-9
 LATE_S = 1e-7  # waits end a little late, as anywhere: rounding must not let one end too early
@@ -66,7 +66,7 @@ class Stepper:
     def __init__(self, connection: socket.socket, shared: SharedTime) -> None:
         self._connection, self._shared = connection, shared
         self._lock = _thread.allocate_lock()
-        self._running = 1
+        self._running, self._let_go = 1, 0
         self._waiters: list[Waiter] = []
         self._early: list[Waiter] = []  # released before they began to wait
 
@@ -142,7 +142,7 @@ class Stepper:
             self._wake(first)
         else:
             until_s = math.inf if first is None else first.deadline_s
-            self._connection.sendall(IDLE.pack(until_s))
+            self._connection.sendall(IDLE.pack(until_s, self._let_go))
 
     def _wake(self, waiter: Waiter) -> None:
         self._waiters.remove(waiter)
@@ -153,5 +153,6 @@ class Stepper:
         with contextlib.suppress(OSError):
             while self._connection.recv(1) == GO:
                 with self._lock:
+                    self._let_go += 1
                     self._look()
         os._exit(3)  # the bench is gone: nobody would give this process time any more

@@ -140,6 +140,7 @@ class Participant:
     until_s: float = 0.0
     idle: bool = False
     frozen: bool = False
+    let_go: int = 0  # so many times
 
 
 class Conductor(Timekeeper):
@@ -219,6 +220,7 @@ class Conductor(Timekeeper):
                 continue
             if participant.until_s <= self.clock.now() + 1e-9:
                 participant.idle = False
+                participant.let_go += 1
                 participant.connection.sendall(GO)
                 self.settle()
 
@@ -243,5 +245,7 @@ class Conductor(Timekeeper):
             participant.connection.close()
             del self._participants[participant.name]
             return
-        (participant.until_s,) = IDLE.unpack(data)
-        participant.idle = True
+        until_s, let_go = IDLE.unpack(data)
+        # a thread that ended by itself may have said so once too often, before it was let go on
+        if let_go == participant.let_go:
+            participant.until_s, participant.idle = until_s, True

@@ -1,0 +1,34 @@
+"""Lock-step: time stands still while a process works, whatever it said before."""
+
+import math
+import socket
+import threading
+import time
+from pathlib import Path
+
+from tools.loop.stepper import GO, IDLE
+from tools.loop.timekeeper import START_S, Conductor
+
+
+def test_who_said_once_too_often_that_it_waits_is_waited_for_all_the_same(tmp_path: Path) -> None:
+    conductor, worked = Conductor(tmp_path, ("robot",)), threading.Event()
+    robot = socket.socket(socket.AF_UNIX)
+    robot.connect(str(conductor.path))
+    robot.sendall(b"robot".ljust(16))
+    conductor.joined("robot", lambda: True)
+    for _ in range(2):  # its main thread, and one that ends then
+        robot.sendall(IDLE.pack(START_S + 0.1, 0))
+
+    def work() -> None:
+        assert robot.recv(1) == GO
+        time.sleep(0.3)
+        worked.set()
+        robot.sendall(IDLE.pack(math.inf, 1))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    conductor.run_until(START_S + 0.2)
+    assert worked.is_set()
+    thread.join()
+    robot.close()
+    conductor.end()
