@@ -236,9 +236,10 @@ class MissionNavigator:
 
     def _drive_on(self, guidance: Guidance, on: On, now_s: float) -> Guidance:
         """Who looks for its place may drive on as a lane keeper does, while it sees a lane."""
+        unseen = (math.inf, math.inf) if self._driving else guidance.pose_within  # for a mission
         return guidance._replace(
             path=path_input(on.path, on.pose, on.at.index),
-            pose_within=(0.0, 0.0) if on.seen else (math.inf, math.inf),
+            pose_within=(0.0, 0.0) if on.seen else unseen,
             off_path=any(self._lost(on.at, on.pose)),
             ahead=RoadAhead() if self._watch is None else self._watch.look(now_s, self._driven_m),
         )

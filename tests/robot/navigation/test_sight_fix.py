@@ -221,6 +221,18 @@ def test_where_it_stands_is_told_only_of_a_robot_with_sight_that_stands_on_the_r
     assert world.navigator.pose == before
 
 
+def test_who_stands_where_no_lane_is_seen_but_knows_its_place_may_begin_a_mission() -> None:
+    world = seeing()
+    world.navigator.end("stopped")
+    world.sight.blind = True  # type: ignore[attr-defined]
+    for _ in range(15):
+        world.turn()
+    assert world.navigator.searches  # it does not know its wheels
+    place_m, turned_rad = world.guidance.pose_within or (math.inf, math.inf)
+    assert 0.0 < place_m < LIMIT_M
+    assert 0.0 < turned_rad < LIMIT_RAD
+
+
 def test_before_the_first_pose_nothing_is_sure() -> None:
     world = driving()
     assert world.guidance.pose_within is None, "nobody asks a robot without sight"
