@@ -16,8 +16,8 @@ def test_who_said_once_too_often_that_it_waits_is_waited_for_all_the_same(tmp_pa
     robot.connect(str(conductor.path))
     robot.sendall(b"robot".ljust(16))
     conductor.joined("robot", lambda: True)
-    for _ in range(2):  # its main thread, and one that ends then
-        robot.sendall(IDLE.pack(START_S + 0.1, 0))
+    for until_s in (0.1, 9.0):  # its main thread's answer, and one too many
+        robot.sendall(IDLE.pack(START_S + until_s, 0))
 
     def work() -> None:
         assert robot.recv(1) == GO
