@@ -16,11 +16,11 @@ def test_who_said_once_too_often_that_it_waits_is_waited_for_all_the_same(tmp_pa
     robot.connect(str(conductor.path))
     robot.sendall(b"robot".ljust(16))
     conductor.joined("robot", lambda: True)
-    for until_s in (0.1, 9.0):  # its main thread's answer, and one too many
-        robot.sendall(IDLE.pack(START_S + until_s, 0))
+    robot.sendall(IDLE.pack(START_S + 0.1, 0))
 
     def work() -> None:
         assert robot.recv(1) == GO
+        robot.sendall(IDLE.pack(START_S + 9.0, 0))  # under way since before
         time.sleep(0.3)
         worked.set()
         robot.sendall(IDLE.pack(math.inf, 1))
