@@ -72,12 +72,11 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         task = find_task(self.task, to_learn=True)
-        alone = find_algorithm(self.algorithm).own_workers
-        robots = 1 if alone else self.learn.robots  # to be shared out
-        if not 1 <= self.workers <= robots or robots % self.workers:
-            raise ConfigError(
-                f"workers: expected a number that divides {robots} robots, got {self.workers}"
-            )
+        shares = find_algorithm(self.algorithm).shares
+        if not (shares.fits(self.learn, self.workers) if shares else self.workers == 1):
+            names = shares.whole if shares else ()
+            what = " and ".join(f"{name} {getattr(self.learn, name)}" for name in names) or "1"
+            raise ConfigError(f"workers: expected a number that divides {what}, got {self.workers}")
         expect_one_of("style", self.style, task.styles or ("race",))
         expect_one_of("lane", self.lane, task.lanes or ("outer",))
         if not (self.seconds is None or self.seconds > 0):

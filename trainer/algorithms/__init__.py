@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from robot.errors import ConfigError, nearest
@@ -48,6 +48,37 @@ class Making:
 
 
 @dataclass(frozen=True)
+class Shares:
+    """What of ``learn`` N processes of a training share, so that together they learn as one does.
+
+    The fewer robots a process has, the more of its time goes into what a step costs anyhow: so
+    where it can be, steps are shared, and each process has as many robots as one alone.
+    """
+
+    whole: Mapping[str, int]  # a whole share of it each, and so much each for a good number
+    about: tuple[str, ...] = ()  # a share each, rounded down
+    times: tuple[str, ...] = ()  # N times as much each
+
+    def fits(self, learn: LearnConfig, workers: int) -> bool:
+        """Whether so many can share it."""
+        # a file is read with a bare ``LearnConfig`` first, which has none of these
+        return workers >= 1 and all(getattr(learn, k, 0) % workers == 0 for k in self.whole)
+
+    def good_number(self, learn: LearnConfig, cores: int) -> int:
+        """One process for each core, but none with so little that it is not worth while."""
+        for number in range(cores, 1, -1):
+            enough = all(getattr(learn, k) // number >= least for k, least in self.whole.items())
+            if enough and self.fits(learn, number):
+                return number
+        return 1
+
+    def of_each(self, learn: LearnConfig, workers: int) -> LearnConfig:
+        """What one of them does."""
+        each: Any = {k: max(1, getattr(learn, k) // workers) for k in (*self.whole, *self.about)}
+        return replace(learn, **each, **{k: getattr(learn, k) * workers for k in self.times})
+
+
+@dataclass(frozen=True)
 class Algorithm:
     """All that the rest of the trainer must know of an algorithm."""
 
@@ -57,9 +88,7 @@ class Algorithm:
     build: Callable[[Making], BaseAlgorithm]
     # By task, preset or style, see `trainer.presets`.
     presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    own_workers: bool = False  # whether it has processes of its own
-    # What of ``learn`` is divided among the processes of a training, see `trainer.training.crew`.
-    divided: tuple[str, ...] = ("robots",)
+    shares: Shares | None = Shares({"robots": 8})  # none: it has processes of its own
 
 
 def find_algorithm(name: str) -> Algorithm:

@@ -34,7 +34,7 @@ from trainer.learners.policies import learning_rates, policy_arguments
 from trainer.learners.world import learning_world
 from trainer.processes import LocalProcesses
 from trainer.run import RunFolder
-from trainer.training.crew import PeerLostError
+from trainer.training.peers import PeerLostError
 
 
 @dataclass(frozen=True)
@@ -236,5 +236,5 @@ ALGORITHM = Algorithm(
         },
         "debug": {"learn": {"robots": 1, "workers": 2}},
     },
-    own_workers=True,
+    shares=None,
 )

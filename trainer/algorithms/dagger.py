@@ -13,7 +13,7 @@ from stable_baselines3.common.noise import ActionNoise
 from torch.nn.functional import cross_entropy
 from typing_extensions import override
 
-from trainer.algorithms import Algorithm, LearnConfig, Making, ddqn
+from trainer.algorithms import Algorithm, LearnConfig, Making, Shares, ddqn
 from trainer.learners.coach import Coach, find_coach
 from trainer.learners.networks import ImitatingPolicy
 from trainer.learners.replay import off_policy
@@ -85,5 +85,5 @@ PRESETS: dict[str, dict[str, Any]] = {
     "cruise": {"learn": {"learning_rate": 1e-3, "gradient_steps": 4, "random_share": 0.3}},
     "debug": ddqn.PRESETS["debug"],
 }
-_DIVIDED = ("robots", "batch", "buffer", "warm_up", "expert_steps")
-ALGORITHM = Algorithm("DAgger", DaggerConfig(), ImitatingPolicy, build, PRESETS, divided=_DIVIDED)
+_SHARES = Shares({"dagger_every": 1, "batch": 32}, about=("buffer", "warm_up", "expert_steps"))
+ALGORITHM = Algorithm("DAgger", DaggerConfig(), ImitatingPolicy, build, PRESETS, shares=_SHARES)

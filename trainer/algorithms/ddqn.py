@@ -15,7 +15,7 @@ import torch
 from stable_baselines3 import DQN
 from torch.nn.functional import smooth_l1_loss
 
-from trainer.algorithms import Algorithm, LearnConfig, Making
+from trainer.algorithms import Algorithm, LearnConfig, Making, Shares
 from trainer.learners.networks import QPolicy
 from trainer.learners.policies import ChannelLast
 from trainer.learners.replay import MappedReplayBuffer, off_policy
@@ -92,5 +92,9 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "debug": {"learn": {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}},
 }
-_DIVIDED = ("robots", "batch", "buffer", "warm_up", "epsilon_steps")
-ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS, divided=_DIVIDED)
+_SHARES = Shares(
+    {"batch": 32},
+    about=("buffer", "warm_up", "epsilon_steps"),
+    times=("gradient_steps", "target_tau"),
+)
+ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS, shares=_SHARES)

@@ -5,7 +5,7 @@ from typing import cast
 
 from stable_baselines3 import PPO
 
-from trainer.algorithms import Algorithm, Making
+from trainer.algorithms import Algorithm, Making, Shares
 from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, on_policy
 from trainer.learners.networks import DrivingActorCritic
 
@@ -63,5 +63,5 @@ ALGORITHM = Algorithm(
         },
         "debug": {"learn": {"robots": 4, "rollout": 16, "minibatch": 32}},
     },
-    divided=("robots", "minibatch"),
+    shares=Shares({"rollout": 16, "minibatch": 32}),
 )

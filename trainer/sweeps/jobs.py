@@ -48,7 +48,6 @@ class TrainJob:
     def run(self, console: Console) -> int:
         """Train, and say how it went; a run that has ended is left as it is."""
         from trainer.envs import make_env
-        from trainer.training.crew import good_number
         from trainer.training.train import train
 
         folder, options = RunFolder(self.out), self.options
@@ -72,8 +71,8 @@ class TrainJob:
         else:
             config, workers = options.config(), self.by.workers
             if workers is None:
-                alone = find_algorithm(config.algorithm).own_workers
-                workers = 1 if alone else good_number(config.learn.robots, launcher.cores)
+                shares = find_algorithm(config.algorithm).shares
+                workers = shares.good_number(config.learn, launcher.cores) if shares else 1
             config = replace(config, workers=workers)
         expect_folder(self.out)
         metrics = train(config, folder, make_env, console, launcher=launcher)

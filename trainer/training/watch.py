@@ -82,7 +82,8 @@ class Watch(BaseCallback):
         told = getattr(self.model, "news", self._crew.news)()  # A3C has a crew of its own
         for ended, _ in told:
             self._remember(ended)
-        self._others_cpu_s = sum(cpu_s for _, cpu_s in told)
+        if told:
+            self._others_cpu_s = sum(cpu_s for _, cpu_s in told)
 
     def _remember(self, ended: list[EpisodeEnd]) -> None:
         for end in ended:

@@ -19,7 +19,7 @@ from trainer.config import RunConfig
 from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, read_state, save_checkpoint
-from trainer.training.crew import PeerLostError
+from trainer.training.peers import PeerLostError
 
 
 def a3c_config(steps: int, seed: int = 0, **learn: Any) -> RunConfig:

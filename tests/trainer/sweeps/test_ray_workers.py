@@ -127,4 +127,4 @@ def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
     assert metrics.stopped_by == "steps"
     steps = [episode.step for episode in run.episodes()]
     assert steps == sorted(steps)
-    assert {episode.robot for episode in run.episodes()} == set(range(config.learn.robots))
+    assert {episode.robot for episode in run.episodes()} == set(range(2 * config.learn.robots))

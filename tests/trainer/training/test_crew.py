@@ -17,6 +17,7 @@ from rich.console import Console
 
 from robot.errors import ConfigError
 from tests.trainer.toy import make_toy, toy_config, train_toy
+from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
 from trainer.envs import make_env
 from trainer.options import TrainOptions, WorkerOptions
@@ -24,7 +25,7 @@ from trainer.presets import preset
 from trainer.processes import Ended, LocalProcesses
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob
-from trainer.training.crew import Crew, good_number, share_of
+from trainer.training.crew import Crew, share_of
 from trainer.training.train import train
 
 
@@ -38,20 +39,46 @@ def weights(folder: Path) -> torch.Tensor:
     return torch.cat([part.flatten().float() for part in policy.values()])
 
 
-@given(st.integers(1, 64), st.integers(1, 64))
-def test_processes_are_no_more_than_cores_and_have_robots_enough(robots: int, cores: int) -> None:
-    number = good_number(robots, cores)
+@given(st.integers(1, 64), st.integers(1, 512), st.integers(1, 64))
+def test_processes_are_no_more_than_cores_and_each_has_enough_to_do(
+    rollout: int, minibatch: int, cores: int
+) -> None:
+    learn: Any = preset("lane", "ppo", "fast").learn
+    learn = replace(learn, rollout=rollout, minibatch=minibatch)
+    shares = find_algorithm("ppo").shares
+    assert shares is not None
+    number = shares.good_number(learn, cores)
     assert 1 <= number <= cores
-    assert robots % number == 0
-    assert number == 1 or robots // number >= 8
+    assert rollout % number == minibatch % number == 0
+    assert number == 1 or (rollout // number >= 16 and minibatch // number >= 32)
+    if cores >= 2 and rollout % 32 == minibatch % 64 == 0:
+        assert number > 1
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "dueling", "ddqn", "dagger", "a2c"])
+def test_several_processes_learn_as_often_from_as_much_as_one(algorithm: str) -> None:
+    one = preset("navigation", algorithm, "fast")
+    many = share_of(replace(one, workers=2), 0)
+    assert decisions_per_update(many) * 2 == decisions_per_update(one)
+    batch = "minibatch" if algorithm == "ppo" else "batch"
+    if algorithm != "a2c":  # which learns from whole rollouts
+        assert 2 * getattr(many.learn, batch) == getattr(one.learn, batch)
+    assert many.learn.robots == (16 if algorithm == "a2c" else one.learn.robots)
+
+
+def decisions_per_update(config: RunConfig) -> float:
+    learn = config.learn
+    steps = {"ppo": "rollout", "a2c": "a2c_rollout", "dagger": "dagger_every"}.get(config.algorithm)
+    updates = getattr(learn, "gradient_steps", 1)
+    return learn.robots * (getattr(learn, steps) if steps else 1) / updates
 
 
 def test_shares_add_up_and_their_random_numbers_differ() -> None:
-    config = replace(preset("navigation", "ppo", "fast"), steps=1001, workers=4)
-    shares = [share_of(config, rank) for rank in range(4)]
-    assert sum(share.learn.robots for share in shares) == config.learn.robots
+    config: Any = replace(preset("navigation", "ppo", "fast"), steps=1001, workers=4)
+    shares: list[Any] = [share_of(config, rank) for rank in range(4)]
+    assert {share.learn.robots for share in shares} == {config.learn.robots}
     assert {share.learn.minibatch for share in shares} == {config.learn.minibatch // 4}
-    assert {share.learn.rollout for share in shares} == {config.learn.rollout}
+    assert {share.learn.rollout for share in shares} == {config.learn.rollout // 4}
     assert sum(share.steps for share in shares) >= 1001
     assert len({share.seed for share in shares}) == 4
     assert share_of(replace(config, workers=1), 0) == replace(config, workers=1)
@@ -66,9 +93,20 @@ def test_each_paints_its_share_of_the_worlds() -> None:
     assert painted == [24, 4]
 
 
-@pytest.mark.parametrize(("algorithm", "workers"), [("ppo", 0), ("ppo", 3), ("a3c", 2)])
-def test_a_number_that_does_not_divide_the_robots_is_refused(algorithm: str, workers: int) -> None:
-    with pytest.raises(ConfigError, match="workers: expected a number that divides"):
+@pytest.mark.parametrize(
+    ("algorithm", "workers", "what"),
+    [
+        ("ppo", 0, "rollout 64 and minibatch 256"),
+        ("ppo", 3, "rollout 64 and minibatch 256"),
+        ("a2c", 5, "robots 32"),
+        ("dueling", 6, "batch 128"),
+        ("a3c", 2, "1"),
+    ],
+)
+def test_a_number_that_does_not_divide_the_work_is_refused(
+    algorithm: str, workers: int, what: str
+) -> None:
+    with pytest.raises(ConfigError, match=f"workers: expected a number that divides {what}, got"):
         replace(preset("navigation", algorithm, "fast"), workers=workers)
 
 
@@ -83,7 +121,7 @@ def test_two_processes_learn_the_same_again(algorithm: str, tmp_path: Path) -> N
     torch.testing.assert_close(weights(runs[0]), weights(runs[1]), rtol=0, atol=0)
     assert not torch.allclose(weights(runs[0]), weights(runs[2]))
     robots = {episode.robot for episode in RunFolder(runs[0]).episodes()}
-    assert robots == set(range(config.learn.robots))  # those of the other process, too
+    assert robots == set(range(2 * config.learn.robots))  # those of the other process, too
 
 
 @pytest.mark.slow
