@@ -73,9 +73,10 @@ class RunConfig:
     def __post_init__(self) -> None:
         task = find_task(self.task, to_learn=True)
         shares = find_algorithm(self.algorithm).shares
-        if not (shares.fits(self.learn, self.workers) if shares else self.workers == 1):
-            names = shares.whole if shares else ()
-            what = " and ".join(f"{name} {getattr(self.learn, name)}" for name in names) or "1"
+        alone = self.workers == 1
+        if not (shares.fits(self.learn, self.workers) if shares and self.workers > 1 else alone):
+            names = shares.divided if shares else ()
+            what = ", ".join(f"{name} {getattr(self.learn, name)}" for name in names) or "1"
             raise ConfigError(f"workers: expected a number that divides {what}, got {self.workers}")
         expect_one_of("style", self.style, task.styles or ("race",))
         expect_one_of("lane", self.lane, task.lanes or ("outer",))

@@ -124,10 +124,7 @@ class RayCamera:
         self._tables.put(i, rig, ground.texel_m)
 
     def render(
-        self,
-        poses: np.ndarray,
-        robots: np.ndarray | None = None,
-        movers: np.ndarray | None = None,
+        self, poses: np.ndarray, robots: np.ndarray | None = None, movers: np.ndarray | None = None
     ) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading.
 
@@ -174,11 +171,7 @@ class RayCamera:
         return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
 
     def _draw_solids(
-        self,
-        pictures: np.ndarray,
-        poses: np.ndarray,
-        robots: np.ndarray,
-        movers: np.ndarray | None,
+        self, pictures: np.ndarray, poses: np.ndarray, robots: np.ndarray, movers: np.ndarray | None
     ) -> None:
         if not self._rows.size:
             return

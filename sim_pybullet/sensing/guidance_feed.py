@@ -46,10 +46,7 @@ class GuidanceFeed:
     """
 
     def __init__(
-        self,
-        n_robots: int,
-        sources: PoseSources = ALWAYS,
-        road_maps: Sequence[RoadMap] = (),
+        self, n_robots: int, sources: PoseSources = ALWAYS, road_maps: Sequence[RoadMap] = ()
     ) -> None:
         """``road_maps``: what robots with sight may drive on."""
         self.poses = np.zeros((n_robots, 3))

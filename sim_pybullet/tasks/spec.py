@@ -185,10 +185,7 @@ class Task(ABC):
         """
 
     def _judged(
-        self,
-        terms: np.ndarray,
-        facts: np.ndarray,
-        ends: tuple[np.ndarray, np.ndarray, np.ndarray],
+        self, terms: np.ndarray, facts: np.ndarray, ends: tuple[np.ndarray, np.ndarray, np.ndarray]
     ) -> TaskStep:
         """A step by who (N,) has failed, arrived or run out of time."""
         failed, arrived, late = ends

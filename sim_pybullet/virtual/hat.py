@@ -31,11 +31,7 @@ class VirtualHat:
     """
 
     def __init__(
-        self,
-        bus: VirtualI2cBus,
-        clock: Clock,
-        address: int = 0x6F,
-        model: RotorModel | None = None,
+        self, bus: VirtualI2cBus, clock: Clock, address: int = 0x6F, model: RotorModel | None = None
     ) -> None:
         self._clock = clock
         self._time_s = clock.now()

@@ -121,7 +121,7 @@ def main(words: list[str]) -> None:
         os.environ.update(ONE_THREAD)
         for case in words[2:] or CASES:
             short = measured(*CASES[case])
-            config = replace(short, steps=4 * short.steps)  # many episodes end
+            config = replace(short, steps=8 * short.steps)  # many episodes end
             one, many = (decisions_per_s(replace(config, workers=n)) for n in (1, int(words[1])))
             print(f"{case} {one:.0f} and {many:.0f} decisions/s: {many / one:.2f}", flush=True)
         return

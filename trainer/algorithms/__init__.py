@@ -55,26 +55,22 @@ class Shares:
     where it can be, steps are shared, and each process has as many robots as one alone.
     """
 
-    whole: Mapping[str, int]  # a whole share of it each, and so much each for a good number
-    about: tuple[str, ...] = ()  # a share each, rounded down
+    divided: Mapping[str, int]  # a share each, for a good number of processes of so much
     times: tuple[str, ...] = ()  # N times as much each
 
-    def fits(self, learn: LearnConfig, workers: int) -> bool:
-        """Whether so many can share it."""
+    def fits(self, learn: LearnConfig, workers: int, least: int = 0) -> bool:
+        """Whether so many can share it, and each has ``least`` times what is good."""
         # a file is read with a bare ``LearnConfig`` first, which has none of these
-        return workers >= 1 and all(getattr(learn, k, 0) % workers == 0 for k in self.whole)
+        shares = [(divmod(getattr(learn, k, 0), workers), n) for k, n in self.divided.items()]
+        return all(rest == 0 and share >= least * good for (share, rest), good in shares)
 
     def good_number(self, learn: LearnConfig, cores: int) -> int:
         """One process for each core, but none with so little that it is not worth while."""
-        for number in range(cores, 1, -1):
-            enough = all(getattr(learn, k) // number >= least for k, least in self.whole.items())
-            if enough and self.fits(learn, number):
-                return number
-        return 1
+        return next((n for n in range(cores, 1, -1) if self.fits(learn, n, least=1)), 1)
 
     def of_each(self, learn: LearnConfig, workers: int) -> LearnConfig:
         """What one of them does."""
-        each: Any = {k: max(1, getattr(learn, k) // workers) for k in (*self.whole, *self.about)}
+        each: Any = {name: getattr(learn, name) // workers for name in self.divided}
         return replace(learn, **each, **{k: getattr(learn, k) * workers for k in self.times})
 
 

@@ -85,5 +85,5 @@ PRESETS: dict[str, dict[str, Any]] = {
     "cruise": {"learn": {"learning_rate": 1e-3, "gradient_steps": 4, "random_share": 0.3}},
     "debug": ddqn.PRESETS["debug"],
 }
-_SHARES = Shares({"dagger_every": 1, "batch": 32}, about=("buffer", "warm_up", "expert_steps"))
+_SHARES = Shares({"dagger_every": 1, "batch": 32, "buffer": 1, "warm_up": 1, "expert_steps": 1})
 ALGORITHM = Algorithm("DAgger", DaggerConfig(), ImitatingPolicy, build, PRESETS, shares=_SHARES)

@@ -93,8 +93,6 @@ PRESETS: dict[str, dict[str, Any]] = {
     "debug": {"learn": {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}},
 }
 _SHARES = Shares(
-    {"batch": 32},
-    about=("buffer", "warm_up", "epsilon_steps"),
-    times=("gradient_steps", "target_tau"),
+    {"batch": 32, "buffer": 1, "warm_up": 1, "epsilon_steps": 1}, ("gradient_steps", "target_tau")
 )
 ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS, shares=_SHARES)

@@ -7,75 +7,44 @@ core that another process of the training has, so that an exchange took 3 ms in 
 import hmac
 import pickle
 import socket
-import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BufferedRWPair as Link
 from typing import Any
 
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
-from torch.utils.hooks import RemovableHandle
 
 from trainer.learners.episode_count import EpisodeEnd
 from trainer.training.checkpoint import content_of, put_back
 
 KEY_BYTES = 32
 _PATIENCE_S = 3_600.0  # the leader may be judging its policy
-_HELLO = struct.Struct(f"!{KEY_BYTES}sI")  # the key of the training, and the rank of who says it
-_HELLO_S = 5.0  # that it may take
-_NEWS = 1_000  # decisions of a process between two times that all tell each other
+_HELLO_S = 5.0  # that a follower may take to say the key of the training and its rank
+_NEWS = 1_000  # decisions of a process between two times that all tell the leader
 
 
 class PeerLostError(RuntimeError):
     """Another process of the training has gone."""
 
 
-class Link:
-    """To one other process; PeerLostError where that has gone."""
-
-    def __init__(self, connected: socket.socket) -> None:
-        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connected.settimeout(_PATIENCE_S)
-        self._socket, self._file = connected, connected.makefile("rwb")
-
-    def tell(self, thing: object) -> None:
-        """Send anything that can be pickled."""
-        with _unless_lost():
-            pickle.dump(thing, self._file, pickle.HIGHEST_PROTOCOL)
-            self._file.flush()
-
-    def hear(self) -> Any:
-        """What the other one told."""
-        with _unless_lost():
-            return pickle.load(self._file)  # of one who knew the key
-
-    def give(self, figures: np.ndarray) -> None:
-        """Send an array whose size and type the other one knows."""
-        with _unless_lost():
-            self._file.write(figures.data.cast("B"))
-            self._file.flush()
-
-    def take(self, figures: np.ndarray) -> None:
-        """Fill an array with what the other one gave."""
-        with _unless_lost():
-            if self._file.readinto(figures.data.cast("B")) != figures.nbytes:
-                raise EOFError("the other process closed its connection")
-
-    def close(self) -> None:
-        """Let the other one know."""
-        self._file.close()
-        self._socket.close()
+@contextmanager
+def _unless_lost() -> Iterator[None]:
+    try:
+        yield
+    except (OSError, EOFError, pickle.UnpicklingError) as error:
+        raise PeerLostError(f"{type(error).__name__}: {error}") from error
 
 
+@_unless_lost()
 def call(host: str, port: int, key: bytes, rank: int) -> Link:
-    """The leader; PeerLostError if nobody answers."""
-    with _unless_lost():
-        connected = socket.create_connection((host, port), _HELLO_S)
-        connected.sendall(_HELLO.pack(key, rank))
-    return Link(connected)
+    """A link to the leader; PeerLostError if nobody answers."""
+    connected = socket.create_connection((host, port), _HELLO_S)
+    connected.sendall(bytes((*key, rank)))
+    return _link(connected)
 
 
 def answer(server: socket.socket, key: bytes) -> tuple[int, Link] | None:
@@ -83,30 +52,36 @@ def answer(server: socket.socket, key: bytes) -> tuple[int, Link] | None:
     try:
         connected, _ = server.accept()
         connected.settimeout(_HELLO_S)
-        said, rank = _HELLO.unpack(connected.recv(_HELLO.size, socket.MSG_WAITALL))
-    except (OSError, struct.error):
+        *said, rank = connected.recv(KEY_BYTES + 1, socket.MSG_WAITALL)
+    except (OSError, ValueError):  # nobody, or somebody who says nothing
         return None
-    if hmac.compare_digest(said, key):
-        return rank, Link(connected)
+    if hmac.compare_digest(bytes(said), key):
+        return rank, _link(connected)
     connected.close()
     return None
 
 
 class Peers:
-    """The other processes of a training: of the leader all, of a follower the leader alone."""
+    """The other processes of a training: of the leader all, of a follower the leader alone.
 
-    def __init__(self, rank: int, links: list[Link], model: BaseAlgorithm) -> None:
+    PeerLostError, of all that it does: one has gone.
+    """
+
+    @_unless_lost()
+    def __init__(self, rank: int, links: Sequence[Link], model: BaseAlgorithm) -> None:
         """Followers get the leader's weights; from now on they change alike."""
         self._leads, self._links, self._model = rank == 0, links, model
-        if self._leads:
-            self._tell(content_of(model))
-        else:
-            put_back(model, links[0].hear())
+        for link in links:
+            if self._leads:
+                pickle.dump(content_of(model), link)
+                link.flush()
+            else:
+                put_back(model, pickle.load(link))  # of one who knew the key
         self._ended: list[EpisodeEnd] = []
         self._told = model.num_timesteps // _NEWS
-        optimizer = model.policy.optimizer
-        self._hook: RemovableHandle = optimizer.register_step_pre_hook(self._average)
+        self._hook: Any = model.policy.optimizer.register_step_pre_hook(self._average)
 
+    @_unless_lost()
     def news(self, ended: list[EpisodeEnd]) -> list[tuple[list[EpisodeEnd], float]]:
         """After each rollout: what each follower tells the leader, by rank.
 
@@ -119,8 +94,9 @@ class Peers:
             return []
         self._told = now
         if self._leads:
-            return [link.hear() for link in self._links]
-        self._tell((self._ended, time.process_time()))
+            return [pickle.load(link) for link in self._links]
+        pickle.dump((self._ended, time.process_time()), self._links[0])
+        self._links[0].flush()
         self._ended = []
         return []
 
@@ -130,10 +106,7 @@ class Peers:
         for link in self._links:
             link.close()
 
-    def _tell(self, thing: object) -> None:
-        for link in self._links:
-            link.tell(thing)
-
+    @_unless_lost()
     def _average(self, optimizer: torch.optim.Optimizer, *_: Any) -> None:
         """Before a step of the optimiser: the mean of all gradients takes their place."""
         parameters = (p for group in optimizer.param_groups for p in group["params"])
@@ -141,22 +114,32 @@ class Peers:
         together = parameters_to_vector(gradients)
         mean = together.cpu().numpy()
         if self._leads:
-            others = np.empty_like(mean)
             for link in self._links:  # in the order of their ranks: sums are rounded
-                link.take(others)
-                mean += others
+                mean += take(link, mean)
             mean /= len(self._links) + 1
-            for link in self._links:
-                link.give(mean)
-        else:
-            self._links[0].give(mean)
-            self._links[0].take(mean)
+        for link in self._links:
+            give(link, mean)
+        if not self._leads:
+            mean = take(self._links[0], mean)
         vector_to_parameters(torch.from_numpy(mean).to(together.device), gradients)
 
 
-@contextmanager
-def _unless_lost() -> Iterator[None]:
-    try:
-        yield
-    except (OSError, EOFError, pickle.UnpicklingError) as error:
-        raise PeerLostError(f"{type(error).__name__}: {error}") from error
+def give(link: Link, figures: np.ndarray) -> None:
+    """Send an array whose size and type the other one knows."""
+    link.write(figures.data.cast("B"))
+    link.flush()
+
+
+def take(link: Link, like: np.ndarray) -> np.ndarray:
+    """An array like this one that the other one gave; EOFError: not all of it."""
+    figures = np.empty_like(like)
+    if link.readinto(figures.data.cast("B")) != figures.nbytes:
+        raise EOFError("the other process closed its connection")
+    return figures
+
+
+def _link(connected: socket.socket) -> Link:
+    connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connected.settimeout(_PATIENCE_S)
+    with connected:  # which stays open as long as its file
+        return connected.makefile("rwb")

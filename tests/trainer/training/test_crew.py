@@ -96,10 +96,11 @@ def test_each_paints_its_share_of_the_worlds() -> None:
 @pytest.mark.parametrize(
     ("algorithm", "workers", "what"),
     [
-        ("ppo", 0, "rollout 64 and minibatch 256"),
-        ("ppo", 3, "rollout 64 and minibatch 256"),
+        ("ppo", 0, "rollout 64, minibatch 256"),
+        ("ppo", -2, "rollout 64, minibatch 256"),
+        ("ppo", 3, "rollout 64, minibatch 256"),
         ("a2c", 5, "robots 32"),
-        ("dueling", 6, "batch 128"),
+        ("dueling", 6, "batch 128, buffer 40000, warm_up 500, epsilon_steps 10000"),
         ("a3c", 2, "1"),
     ],
 )

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.trainer.toy import build_model, make_toy, toy_config
-from trainer.training.peers import Link, PeerLostError, Peers, answer, call
+from trainer.training.peers import Link, PeerLostError, Peers, answer, call, give, take
 
 KEY = bytes(range(32))
 
@@ -26,8 +26,12 @@ def server() -> Iterator[socket.socket]:
 
 def two_ends() -> tuple[Link, Link]:
     with socket.create_server(("127.0.0.1", 0)) as listening:
-        caller = socket.create_connection(listening.getsockname())
-        return Link(listening.accept()[0]), Link(caller)
+        listening.settimeout(2.0)
+        host, port = listening.getsockname()
+        follower = call(host, port, KEY, 1)
+        answered = answer(listening, KEY)
+        assert answered is not None
+        return answered[1], follower
 
 
 def test_who_knows_the_key_is_answered(server: socket.socket) -> None:
@@ -37,11 +41,11 @@ def test_who_knows_the_key_is_answered(server: socket.socket) -> None:
     assert answered is not None
     rank, other = answered
     assert rank == 3
-    link.tell({"weights": torch.ones(3)})
-    torch.testing.assert_close(other.hear()["weights"], torch.ones(3))
+    give(link, np.ones(3))
+    np.testing.assert_array_equal(take(other, np.zeros(3)), np.ones(3))
 
 
-@pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\n\r\n", bytes(32) + b"\0\0\0\1"])
+@pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\n\r\n", bytes(33)])
 def test_strangers_are_sent_away_before_anything_is_read(
     said: bytes, server: socket.socket
 ) -> None:
@@ -70,27 +74,35 @@ def test_nobody_answers() -> None:
 def test_figures_arrive_as_they_are(size: int, seed: int) -> None:
     ours, theirs = two_ends()
     figures = np.random.default_rng(seed).normal(size=size).astype(np.float32)
-    giving = threading.Thread(target=ours.give, args=(figures,))
+    giving = threading.Thread(target=give, args=(ours, figures))
     giving.start()
-    taken = np.empty_like(figures)
-    theirs.take(taken)
+    np.testing.assert_array_equal(take(theirs, np.empty_like(figures)), figures)
     giving.join()
-    np.testing.assert_array_equal(taken, figures)
     ours.close()
     theirs.close()
 
 
-def test_one_that_has_gone_is_missed() -> None:
-    for lost in (lambda link: link.hear(), lambda link: link.take(np.empty(4, np.float32))):
-        ours, theirs = two_ends()
-        theirs.close()
-        with pytest.raises(PeerLostError):
-            lost(ours)
+def test_no_half_of_a_gradient_is_believed() -> None:
     ours, theirs = two_ends()
-    theirs.give(np.ones(3, np.float32))
+    give(theirs, np.ones(3, np.float32))
     theirs.close()
-    with pytest.raises(PeerLostError, match="closed"):
-        ours.take(np.empty(4, np.float32))  # no half of a gradient is believed
+    with pytest.raises(EOFError, match="closed"):
+        take(ours, np.empty(4, np.float32))
+
+
+def test_one_that_has_gone_is_missed(tmp_path: Any) -> None:
+    config = toy_config("ppo", 100)
+    model = build_model(config, make_toy(config, 8, 0), tmp_path)
+    ours, theirs = two_ends()
+    peers = Peers(0, [ours], model)
+    theirs.close()
+    for parameter in model.policy.parameters():
+        parameter.grad = torch.ones_like(parameter)
+    with pytest.raises(PeerLostError):
+        model.policy.optimizer.step()
+    model.num_timesteps += 2_000
+    with pytest.raises(PeerLostError):
+        peers.news([])
 
 
 @pytest.mark.parametrize("count", [2, 3])
