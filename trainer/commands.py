@@ -2,7 +2,6 @@
 
 import os
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -116,30 +115,19 @@ def export_command(
 
 
 def report_command(
-    runs: tyro.conf.Positional[tuple[Path, ...]],
-    out: Path = Path("runs/report"),
-    live: bool = False,
-    port: int = 8701,
+    runs: tyro.conf.Positional[tuple[Path, ...]], out: Path = Path("runs/report")
 ) -> int:
-    """Write report.html: summary, films, curves and tables of runs.
+    """Write report.html: summary, films, curves and tables of runs, as far as they have come.
 
     Args:
         runs: run folders, or folders of run folders.
         out: the report's folder.
-        live: serve the page on this computer, too, and draw it anew while the runs go on.
-        port: of the live page.
     """
     if not runs:
         raise ConfigError("report: expected one run folder or more, got none")
-    from trainer.report.page import LiveReport, write_report
+    from trainer.report.page import write_report
 
-    console = Console(soft_wrap=True)
-    if live:
-        with LiveReport(runs, out, port) as server, suppress(KeyboardInterrupt):
-            console.print(f"Open {server.address} (Ctrl-C ends it)", markup=False)
-            server.serve_forever()
-        return 0
-    console.print(str(write_report(runs, out)), markup=False)
+    Console(soft_wrap=True).print(str(write_report(runs, out)), markup=False)
     return 0
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL, CameraLook, DriveLook, Look, SensorLook, TimingLook
@@ -15,8 +17,8 @@ from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin.camera import NAMES as NAMES_SEEN
 from trainer.twin.camera import USUAL, Fitted, rival_of
-from trainer.twin.fit import fit_twin, write_twin
-from trainer.twin.motion import NAMES, fit_motion, from_above, reckoned
+from trainer.twin.fit import EYE_PIECE_S, fit_twin, looked_at, write_twin
+from trainer.twin.motion import NAMES, fit_motion, from_above, pieces, reckoned
 from trainer.twin.recorded import UnfitError, read_drive, read_drives
 
 OWN = replace(
@@ -53,6 +55,19 @@ def test_the_motors_of_known_drives_are_found(lasting_s: tuple[float, ...]) -> N
     assert off["trim"] < 0.004
     assert off["turn_gain"] < 0.02
     assert off["delay_s"] + off["turn_lag_s"] < 0.06
+
+
+@given(st.floats(20.0, 1_800.0), st.floats(8.0, 30.0), st.integers(1, 20))
+def test_what_is_looked_at_of_a_drive_of_any_length_tells_of_its_pieces(
+    seconds: float, rate_hz: float, drives: int
+) -> None:
+    times_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    few = looked_at(times_s, drives)
+    assert len(few) <= max(400 // drives, 40)
+    assert (np.diff(few) > 0).all()
+    told = pieces(times_s[few], EYE_PIECE_S)
+    assert sum(map(len, told)) >= 20  # the motion is told of the wheels between pictures
+    assert times_s[few[-1]] - times_s[few[0]] > 0.8 * seconds - 2.0 * EYE_PIECE_S
 
 
 def test_motors_that_never_ran_stay_as_unsure_as_before() -> None:

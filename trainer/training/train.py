@@ -35,8 +35,6 @@ class Metrics:
     episodes: int
     success_rate: float  # of the kept policy, on its evaluation
     stopped_by: str
-    solved_seconds: float  # first evaluation without a failure; NaN: none
-    solved_steps: float
     seed: int
     evaluations: tuple[Evaluated, ...]
     schema: int = 1
@@ -104,7 +102,7 @@ def judged(config: RunConfig) -> RunConfig:
 
 def _finish(config: RunConfig, folder: RunFolder, watch: Watch, episodes: int) -> Metrics:
     """Leave the files; an interrupted run has no model and no metrics yet."""
-    state, steps, nan = watch.state, watch.steps, float("nan")
+    state, steps = watch.state, watch.steps
     reason, interrupted = state.stopped_by, state.stopped_by == "interrupted"
     last = state.evaluations[-1].step if state.evaluations else -1
     if not interrupted and last != steps:
@@ -112,17 +110,14 @@ def _finish(config: RunConfig, folder: RunFolder, watch: Watch, episodes: int) -
         state.stopped_by = reason
     watch.save()
     draw_curve(folder, config)
-    solved = next((e for e in state.evaluations if e.success_rate == 1.0), None)
     metrics = Metrics(
         train_seconds=state.seconds,
         evaluation_seconds=state.evaluation_seconds,
         cpu_seconds=state.cpu_seconds,
         train_steps=steps,
         episodes=episodes,
-        success_rate=state.best.success_rate if state.best else nan,
+        success_rate=state.best.success_rate if state.best else float("nan"),
         stopped_by=reason,
-        solved_seconds=solved.seconds if solved else nan,
-        solved_steps=solved.step if solved else nan,
         seed=config.seed,
         evaluations=tuple(state.evaluations),
     )

@@ -22,6 +22,10 @@ from trainer.twin.colours import Colours, fit_colours, seen_from
 from trainer.twin.recorded import Recorded
 
 KEY_PICTURES, TRACKED = 30, 400
+EYE_PIECE_S = 3.0  # of driving, for which the wheels are trusted between poses that the eye told
+IN_PIECE, LEAST_TRACKED = 13, 40  # pictures of each piece, and of each drive
+LEAST_TOLD = 30  # of these pictures must tell something
+NEAR_S = 0.5
 LEAST_OBEYED = 0.6  # correlation
 LEAST_EXPLAINED = 0.5  # of the key pictures, else the camera is not known
 _FAIR = 0.7  # of that, a picture must be explained to tell a pose
@@ -117,8 +121,8 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     known = camera.share >= LEAST_EXPLAINED
     if known:
         scene = seen.cover_scene(drives[0].road_map, camera.width)
-        told = [_track(d, at, scene, camera) for d, at in zip(drives, near, strict=True)]
-        motion = moved.fit_motion([t for t in told if len(t.times_s) >= 30], eye=True)
+        told = _tracks(drives, near, scene, camera)
+        motion = moved.fit_motion(list(told.values()), eye=True)
         if camera.rival is not None:
             other_mm = 1e3 * camera.rival[0]
             unseen.append(f"camera: one {other_mm:.0f} mm high explains the pictures as well")
@@ -129,7 +133,7 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
         colours = fit_colours(images[chosen], cover, _still(drives[0]))
         found |= _colours_of(colours, camera.width, unseen)
     else:
-        told = above
+        told = dict(enumerate(above))
         unseen.append(
             f"camera, lens and colours: the map explains only {camera.share:.0%} of the pictures"
         )
@@ -148,15 +152,36 @@ def _still(drive: Recorded) -> list[np.ndarray]:
     return list(drive.images[drive.times_s <= until_s])
 
 
-def _track(drive: Recorded, near: np.ndarray, scene: Any, camera: seen.Fitted) -> moved.Told:
-    """Where the eye was in the drive's pictures, as far as they tell."""
-    few = np.unique(np.linspace(0, len(drive.images) - 1, TRACKED).astype(int))
-    views = seen.views_of(drive.images[few], near[few], scene)
-    poses, roots, shares = seen.settle(views, camera.values, views.poses, steps=4)
-    fair = shares >= _FAIR * camera.share
-    matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
-    sure = np.swapaxes(np.linalg.cholesky(matrices), 1, 2)
-    return moved.Told(drive.commands, drive.times_s[few][fair], poses[fair], sure[fair], 3.0)
+def _tracks(
+    drives: Sequence[Recorded], near: Sequence[np.ndarray], scene: Any, camera: seen.Fitted
+) -> dict[int, moved.Told]:
+    """Where the eye was in pictures of the drives, by number, whose pictures tell it."""
+    told = {}
+    for k, (drive, way) in enumerate(zip(drives, near, strict=True)):
+        few = looked_at(drive.times_s, len(drives))
+        views = seen.views_of(drive.images[few], way[few], scene)
+        poses, roots, shares = seen.settle(views, camera.values, views.poses, steps=4)
+        fair = shares >= _FAIR * camera.share
+        matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
+        sure = np.swapaxes(np.linalg.cholesky(matrices), 1, 2)
+        if fair.sum() >= LEAST_TOLD:
+            each = drive.times_s[few][fair], poses[fair], sure[fair]
+            told[k] = moved.Told(drive.commands, *each, EYE_PIECE_S)
+    return told
+
+
+def looked_at(times_s: np.ndarray, drives: int) -> np.ndarray:
+    """Indices of pictures that tell the motion: close ones, in pieces all over one of the drives.
+
+    The wheels are trusted for a piece only, so pictures far from each other would tell nothing.
+    """
+    number = (times_s / EYE_PIECE_S).astype(int)
+    most = max(TRACKED // drives, LEAST_TRACKED)
+    some = np.linspace(0, number[-1], most // IN_PIECE).round().astype(int)
+    each = [np.flatnonzero(number == piece) for piece in np.unique(some)]
+    share = most // len(each)
+    few = [part[np.linspace(0, len(part) - 1, share).astype(int)] for part in each if len(part)]
+    return np.unique(np.concatenate(few))
 
 
 def _camera_of(camera: seen.Fitted, motion: moved.Motion) -> Found:
@@ -189,7 +214,7 @@ def _colours_of(colours: Colours, width: float, unseen: list[str]) -> Found:
 
 def _motion_of(
     drives: Sequence[Recorded],
-    told: Sequence[moved.Told],
+    told: dict[int, moved.Told],
     motion: moved.Motion,
     known: bool,
     unseen: list[str],
@@ -204,13 +229,13 @@ def _motion_of(
     total_s = float(motion.values[moved.NAMES.index("delay_s")])
     if not known:
         found["drive.delay_s"] = total_s, 0.02
-    elif not all(len(drive.overhead) for drive in drives):
+    elif not told or not all(len(drive.overhead) for drive in drives):
         unseen.append(
             f"delays: without overhead poses only the sum of camera's and motors' is known, "
             f"{1e3 * total_s:.0f} ms"
         )
     else:
-        late_s, off_s = camera_delay(drives, told, motion)
+        late_s, off_s = camera_delay([drives[k] for k in told], list(told.values()), motion)
         found["timing.camera_delay_s"] = max(late_s, 0.0), off_s
         found["drive.delay_s"] = max(total_s - late_s, 0.0), off_s
     return found
@@ -223,12 +248,16 @@ def camera_delay(
     eye = motion.values[None, len(moved.NAMES) :]
     axles = [each._replace(poses=uncompose(each.poses, eye)) for each in told]
     ways = [moved.smoothed(axle, motion) for axle in axles]
+    overhead = []
+    for drive, each in zip(drives, told, strict=True):  # elsewhere the way is the wheels' alone
+        away_s = np.abs(drive.overhead[:, :1] - each.times_s).min(axis=1)
+        overhead.append(drive.overhead[away_s < NEAR_S])
     spread = np.array((0.1, 0.01, 0.01, 0.02))  # of delay, and of what the eye's place is wrong by
 
     def off(guess: np.ndarray, keep: float = 0.0) -> np.ndarray:
         rows = []
-        for drive, way in zip(drives, ways, strict=True):
-            times_s, poses = drive.overhead[:, 0], drive.overhead[:, 1:]
+        for poses_told, way in zip(overhead, ways, strict=True):
+            times_s, poses = poses_told[:, 0], poses_told[:, 1:]
             late = moved.at_times(way, times_s + guess[0])
             missed = poses - compose(late, guess[None, 1:])
             missed[:, 2] = wrap_angle(missed[:, 2])
