@@ -32,3 +32,32 @@ def test_who_said_once_too_often_that_it_waits_is_waited_for_all_the_same(tmp_pa
     thread.join()
     robot.close()
     conductor.end()
+
+
+def test_who_was_started_again_is_waited_for_though_nobody_heard_the_end(tmp_path: Path) -> None:
+    conductor = Conductor(tmp_path, ("robot",))
+
+    def joins(until_s: float) -> socket.socket:
+        robot = socket.socket(socket.AF_UNIX)
+        robot.connect(str(conductor.path))
+        robot.sendall(b"robot".ljust(16))
+        conductor.joined("robot", lambda: True)
+        robot.sendall(IDLE.pack(until_s, 0))
+        return robot
+
+    joins(START_S + 5.0).close()  # as a process that was killed leaves it
+    again, let_go = joins(START_S + 0.1), threading.Event()
+
+    def work() -> None:
+        again.settimeout(2.0)
+        if again.recv(1) == GO:
+            let_go.set()
+        again.sendall(IDLE.pack(math.inf, 1))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    conductor.run_until(START_S + 0.2)
+    thread.join()
+    assert let_go.is_set()
+    again.close()
+    conductor.end()

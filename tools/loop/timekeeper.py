@@ -165,6 +165,8 @@ class Conductor(Timekeeper):
     def joined(self, name: str, process_alive: Callable[[], bool]) -> None:
         """Wait until it asks for time; BenchError when it ended before."""
         deadline_s = time.monotonic() + PATIENCE_S
+        if before := self._participants.pop(name, None):  # of before, whose end nobody heard yet
+            before.connection.close()
         while name not in self._participants:
             super().joined(name, lambda: process_alive() and time.monotonic() < deadline_s)
             if select.select([self._listener], [], [], 0.05)[0]:
