@@ -39,8 +39,7 @@ def _fit(recordings: Sequence[Path], out: Path, console: Console) -> list[Record
     with console.status("fitting"):
         twin = fit_twin(drives)
     write_twin(twin, out)
-    page = out.with_suffix(".html")
-    write_twin_page(twin, drives[0], page)
+    write_twin_page(twin, drives[0], page := out.with_suffix(".html"))
     for name, (value, sd) in twin.found.items():
         if not isinstance(value, list):
             console.print(f"{name:24} {value:9.4g} ± {2.0 * sd:.2g}", markup=False)
