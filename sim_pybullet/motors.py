@@ -110,6 +110,7 @@ def _twists(wheel_mps: np.ndarray) -> np.ndarray:
     return np.stack((0.5 * (left + right), (right - left) / DRIVE.baseline_m), axis=1)
 
 
+EXPERT_AHEAD_M = 0.14  # along its path, where the expert heads for
 _CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])  # [1/m]
 
 
@@ -137,7 +138,7 @@ class WheeledRobots(MotorModel):
 
 
 def expert_actions(
-    paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray, ahead_m: float = 0.14
+    paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray, ahead_m: float = EXPERT_AHEAD_M
 ) -> np.ndarray:
     """The actions (N,) of experts at true poses (N, 3): whose circle is nearest to `pursuit`'s."""
     curvature = pursuit(paths, poses, np.asarray(arc_m) + ahead_m)

@@ -68,7 +68,7 @@ class RunConfig:
     entropy_left: float = 1.0  # of the weight of the actor's entropy, after 60 % of the steps
     device: str = "cpu"  # of the network: cpu, cuda or auto
     workers: int = 1  # processes that learn together, see `trainer.training.crew`
-    threads: int = 1  # of torch: with a second one small networks are slower, not faster
+    threads: int = 1  # of torch: a second process gains more than a second thread
 
     def __post_init__(self) -> None:
         task = find_task(self.task, to_learn=True)

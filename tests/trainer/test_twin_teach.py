@@ -35,14 +35,18 @@ def drive(states: list[str], wheels: list[tuple[float, float]]) -> Recorded:
         for k, (state, pair) in enumerate(zip(states, wheels, strict=True))
     ]
     images = np.zeros((count, 120, 160, 3), np.uint8)
-    nothing = np.zeros((0, 4))
+    nothing, here = np.zeros((0, 4)), np.array([(0.0, 0.0, 0.0, 0.0), (9.0, 0.0, 0.0, 0.0)])
     times_s = 0.1 * np.arange(count)
-    return Recorded("loop", np.zeros((0, 2)), times_s, images, nothing, nothing, 0.0, tuple(turns))
+    return Recorded("loop", np.zeros((0, 2)), times_s, images, nothing, here, 0.0, tuple(turns))
+
+
+def examples(one: Recorded, held_out: bool = False) -> Examples:
+    return examples_of([one], [np.zeros((len(one.turns), 3))], LANE, held_out)
 
 
 def test_what_a_person_did_at_a_take_over_counts_most() -> None:
     states = ["AUTO"] * 10 + ["MANUAL"] * 60 + ["AUTO"] * 30
-    seen = examples_of([drive(states, [LEFT] * 100)], LANE, held_out=False)
+    seen = examples(drive(states, [LEFT] * 100))
     assert len(seen.actions) == 60  # of the first 70 %, those that a person drove
     assert set(seen.actions) == {0}  # LEFT
     assert np.unique(seen.weights[:30]) == [4.0]
@@ -51,7 +55,7 @@ def test_what_a_person_did_at_a_take_over_counts_most() -> None:
 
 def test_parts_of_a_drive_are_apart() -> None:
     one = drive(["MANUAL"] * 100, [LEFT] * 100)
-    parts = [examples_of([one], LANE, held_out) for held_out in (False, True)]
+    parts = [examples(one, held_out) for held_out in (False, True)]
     assert sum(len(part.actions) for part in parts) == 100
     assert len(parts[1].actions) == pytest.approx(30, abs=1)
 
@@ -68,12 +72,31 @@ def test_the_way_that_a_person_drove_is_what_a_navigator_would_have_been_told() 
     assert all(way is not None for way in ways[: count - far])
     assert all(way is None for way in ways[count - far + 2 :])  # nobody knows where it went
     here = [path_input(path, path.pose_at(0.02 * k)) for k in range(count - far)]
-    assert np.abs(np.subtract(ways[: count - far], here)).max() < 0.05
+    told_of = [way.told for way in ways if way is not None][: count - far]
+    assert np.abs(np.subtract(told_of, here)).max() < 0.05
+
+
+@pytest.mark.parametrize("policy", [LANE, PolicyContract("navigation", "ppo", path_points=10)])
+def test_right_is_the_way_back_to_the_lane_however_a_person_weaves(policy: PolicyContract) -> None:
+    path = RandomRoutes(load_map("arena")).draw(np.random.default_rng(0))
+    count = int(path.length_m / 0.02)
+    poses = [path.pose_at(0.02 * k) for k in range(count)]
+    told = [(0.1 * k, *pose) for k, pose in enumerate(poses)]
+    weaving = [LEFT if k // 8 % 2 else LEFT[::-1] for k in range(count)]
+    one = drive(["MANUAL"] * count, weaving)._replace(map_name="arena", fused=np.array(told))
+    right = [(*pose.to_world(np.array([[0.0, -0.04]]))[0], pose.heading_rad) for pose in poses]
+    seen = examples_of([one], [np.array(right)], policy, held_out=False)
+    turns = np.abs(np.diff([pose.heading_rad for pose in poses]))
+    straight = [k for k in range(len(seen.actions)) if turns[k : k + 15].max() < 1e-6]
+    assert len(straight) > 20
+    assert set(seen.actions[straight].tolist()) <= {0, 1}  # left, back to the way
+    steered = np.sign(seen.bends_pm[straight])
+    assert {-1.0, 1.0} <= set(steered.tolist())  # though the person went both ways
 
 
 def test_standing_is_no_example() -> None:
     stood = drive(["MANUAL"] * 10, [(0.0, 0.0)] * 10)
-    assert not len(examples_of([stood], LANE, held_out=False).actions)
+    assert not len(examples(stood).actions)
 
 
 def test_steering_that_is_half_reversed_is_not_foretold() -> None:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 if TYPE_CHECKING:
+    from trainer.twin.fit import Twin
     from trainer.twin.recorded import Recorded
 
 
@@ -30,7 +31,7 @@ def fit_command(
     return 0
 
 
-def _fit(recordings: Sequence[Path], out: Path, console: Console) -> list[Recorded]:
+def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[list[Recorded], Twin]:
     from trainer.twin.fit import fit_twin, write_twin
     from trainer.twin.page import write_twin_page
     from trainer.twin.recorded import read_drives
@@ -46,7 +47,7 @@ def _fit(recordings: Sequence[Path], out: Path, console: Console) -> list[Record
     for line in twin.unseen:
         console.print(line, markup=False)
     console.print(f"{out}; {page}", markup=False)
-    return drives
+    return drives, twin
 
 
 def teach_command(
@@ -82,9 +83,9 @@ def teach_command(
     console = Console(soft_wrap=True, highlight=False)
     path = base_file(base)
     network, contract = load_base(path)
-    seen = _fit(recordings, out / "twin.yaml", console)
+    seen, twin = _fit(recordings, out / "twin.yaml", console)
     looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
-    person = examples_of(seen, contract, held_out=False)
+    person = examples_of(seen, twin.places, contract, held_out=False)
     options = TeachConfig(steps)
     with console.status("teaching"):
         teach(network, contract, road_map, looks, person, options, seed)
@@ -96,14 +97,13 @@ def teach_command(
     export_network(network, taught, model)
     with Progress(console=console) as bar:
         row = bar.add_task("proof", total=2 * drives)
-        held_out = examples_of(seen, contract, held_out=True)
+        held_out = examples_of(seen, twin.places, contract, held_out=True)
         given = road_map, looks, held_out, drives, lambda _: bar.advance(row)
         before, proof = (prove(file, *given) for file in (path, model))
     proven = replace(taught, proof=proof)
     export_network(network, proven, model)
     console.print(f"before: {before.sentence}\n{model}: {proof.sentence}", markup=False)
-    worse = proof.succeeded < before.succeeded
-    if worse:
+    if worse := proof.succeeded < before.succeeded:
         console.print(f"it drives worse than {path.stem}: keep that", markup=False)
     if proven.unproven:
         console.print(f"the robot will not arm with it: {proven.unproven}", markup=False)

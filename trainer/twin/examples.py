@@ -12,9 +12,10 @@ from robot.contract import DRIVE, PolicyContract
 from robot.errors import PlanError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import preprocess
-from robot.navigation.path import path_input
+from robot.navigation.path import Path, path_input
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.recording.topics import Turn
+from sim_pybullet.motors import EXPERT_AHEAD_M, pursuit
 from trainer.twin.recorded import Recorded
 
 HELD_OUT = 0.3  # of each drive, its last part
@@ -29,38 +30,63 @@ class Examples(NamedTuple):
 
     images: np.ndarray  # (N, H, W, 3)
     paths: np.ndarray | None  # (N, P)
-    actions: np.ndarray  # (N,) the policy's action that is most like it
+    actions: np.ndarray  # (N,) the policy's action that is most like what was right
     weights: np.ndarray  # (N,)
     bends_pm: np.ndarray  # (N,) curvature that the person steered
 
 
-def examples_of(drives: Sequence[Recorded], contract: PolicyContract, held_out: bool) -> Examples:
-    """The moments that a person drove and the policy could have, of one part of each drive."""
+def examples_of(
+    drives: Sequence[Recorded],
+    places: Sequence[np.ndarray],
+    contract: PolicyContract,
+    held_out: bool,
+) -> Examples:
+    """The moments that a person drove and the policy could have, of one part of each drive.
+
+    ``places`` (F, 3): where the robot was at each drive's pictures. Right is what the expert would
+    do from there on the way that was driven: a person weaves, and is late. Where they took over
+    from the policy, they knew better.
+    """
     rows = []
-    for drive in drives:
+    for drive, poses in zip(drives, places, strict=True):
         last_s = (1.0 - HELD_OUT) * drive.times_s[-1]
-        ways = ways_driven(drive) if contract.path_points else [()] * len(drive.turns)
+        ways = ways_driven(drive)
         for k, taken_s in enumerate(_since_takeover(drive.turns)):
-            way, bend_pm = ways[k], _bend(drive.turns[k].wheels)
-            if way is None or taken_s is None or held_out != (drive.times_s[k] > last_s):
+            way, steered_pm = ways[k], _bend(drive.turns[k].wheels)
+            told = drive.turns[k].path if drive.turns[k].path is not None else way and way.told
+            if taken_s is None or steered_pm is None or held_out != (drive.times_s[k] > last_s):
                 continue
-            if bend_pm is not None:
-                weight = TAKEOVER_WEIGHT if taken_s < TAKEOVER_S else 1.0
-                image = preprocess(drive.images[k], contract.image)
-                rows.append((image, way, bend_pm, weight))
-    images, told, bends, weights = zip(*rows, strict=True) if rows else ((), (), (), ())
-    bends_pm = np.array(bends)
+            if told is None and contract.path_points:
+                continue
+            corrected = taken_s < TAKEOVER_S
+            right_pm = steered_pm if corrected or way is None else _pursued(way.path, poses[k])
+            weight = TAKEOVER_WEIGHT if corrected else 1.0
+            image = preprocess(drive.images[k], contract.image)
+            rows.append((image, told, right_pm, weight, steered_pm))
+    images, paths, right, weights, steered = zip(*rows, strict=True) if rows else ((),) * 5
     return Examples(
         np.array(images, np.uint8).reshape(-1, *contract.image.shape),
-        np.array(told, np.float32) if contract.path_points else None,
-        np.abs(bends_pm[:, None] - _bends(contract)).argmin(axis=1),
+        np.array(paths, np.float32) if contract.path_points else None,
+        np.abs(np.array(right)[:, None] - _bends(contract)).argmin(axis=1),
         np.array(weights),
-        bends_pm,
+        np.array(steered),
     )
 
 
-def ways_driven(drive: Recorded) -> list[Sequence[float] | None]:
-    """What a navigator would have been told of the way that was driven next, at each picture.
+def _pursued(path: Path, place: np.ndarray) -> float:
+    arc_m = path.project(*place[:2].tolist()).arc_m + EXPERT_AHEAD_M
+    return float(pursuit(path.batch, place[None], np.array([arc_m]))[0])
+
+
+class Way(NamedTuple):
+    """The way that was driven next."""
+
+    path: Path
+    told: list[float]  # what a navigator would have been told of it
+
+
+def ways_driven(drive: Recorded) -> list[Way | None]:
+    """The way that was driven next, at each picture.
 
     A person who drives has no mission, so the lanes between the place where the robot believed to
     be and that where it came are asked of the map. None where no such way leads there.
@@ -68,16 +94,16 @@ def ways_driven(drive: Recorded) -> list[Sequence[float] | None]:
     told = drive.fused if len(drive.fused) else drive.overhead
     times_s, poses = told[:, 0], np.column_stack((told[:, 1:3], np.unwrap(told[:, 3])))
     gone_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
-    graph, found = LaneGraph(drive.road_map), list[Sequence[float] | None]()
-    for time_s, turn in zip(drive.times_s, drive.turns, strict=True):
+    graph, found = LaneGraph(drive.road_map), list[Way | None]()
+    for time_s in drive.times_s:
         here = Pose(*(float(np.interp(time_s, times_s, part)) for part in poses.T))
         then = int(np.searchsorted(gone_m, np.interp(time_s, times_s, gone_m) + AHEAD_M))
-        way: Sequence[float] | None = turn.path
-        if way is None and then < len(poses):
+        way = None
+        if then < len(poses):
             with suppress(PlanError):
                 path = plan_path(graph, here, (poses[then, 0], poses[then, 1]))
                 if path.length_m < DETOUR * AHEAD_M:
-                    way = path_input(path, here).tolist()
+                    way = Way(path, path_input(path, here).tolist())
         found.append(way)
     return found
 

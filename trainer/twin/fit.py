@@ -60,6 +60,7 @@ class Twin(NamedTuple):
     unseen: tuple[str, ...]  # sentences: what the drive could not show
     camera: seen.Fitted  # with the poses of the key pictures' eye
     pictures: np.ndarray  # (F, 120, 160, 3) key pictures
+    places: tuple[np.ndarray, ...]  # (F, 3) of each drive: where the robot was at its pictures
 
     @property
     def look(self) -> Look:
@@ -142,7 +143,7 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
         found["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives])), 0.01
     for name, (value, sd) in found.items():
         found[name] = value, max(sd, LEAST_SD.get(name.split(".")[1], 0.0))
-    return Twin(found, tuple(unseen), camera, images[chosen])
+    return Twin(found, tuple(unseen), camera, images[chosen], tuple(near))
 
 
 def _still(drive: Recorded) -> list[np.ndarray]:

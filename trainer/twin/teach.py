@@ -23,7 +23,7 @@ from robot.inference.policy import SHIPPED_MODELS, read_contract
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import Looks
-from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.randomise import Sites, load_look_sampler
 from sim_pybullet.tasks.spec import Choices, find_task
 from trainer.algorithms import find_algorithm
 from trainer.config import NetConfig, RunConfig
@@ -33,6 +33,8 @@ from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.learners.policies import build_policy
 from trainer.resumable import descend, set_rate
 from trainer.twin.examples import Examples
+
+USUAL = ("randomised", "wide")  # looks that are not to be forgotten
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ def _worlds(
     spec, names = find_task(contract.task), division().maps.training
     rings = bool(spec.lanes)
     fit = [name for name in names if (name == "loop" or name.startswith("rings/")) == rings]
-    usual = load_look_sampler("randomised", pose_error(contract))
+    usual = Sites(load_look_sampler(name, pose_error(contract)) for name in USUAL)
     kinds = ([road_map], twin), ([load_map(n) for n in fit[:5]], usual)
     worlds = []
     for k, (maps, looks) in enumerate(kinds):
