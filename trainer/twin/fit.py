@@ -25,7 +25,7 @@ KEY_PICTURES, TRACKED = 30, 400
 EYE_PIECE_S = 3.0  # of driving, for which the wheels are trusted between poses that the eye told
 IN_PIECE, LEAST_TRACKED = 13, 40  # pictures of each piece, and of each drive
 LEAST_TOLD = 30  # of these pictures must tell something
-NEAR_S = 0.5
+NEAR_S = 0.5  # of a told pose: farther away the way is the wheels' alone
 LEAST_OBEYED = 0.6  # correlation
 LEAST_EXPLAINED = 0.5  # of the key pictures, else the camera is not known
 _FAIR = 0.7  # of that, a picture must be explained to tell a pose
@@ -250,7 +250,7 @@ def camera_delay(
     axles = [each._replace(poses=uncompose(each.poses, eye)) for each in told]
     ways = [moved.smoothed(axle, motion) for axle in axles]
     overhead = []
-    for drive, each in zip(drives, told, strict=True):  # elsewhere the way is the wheels' alone
+    for drive, each in zip(drives, told, strict=True):
         away_s = np.abs(drive.overhead[:, :1] - each.times_s).min(axis=1)
         overhead.append(drive.overhead[away_s < NEAR_S])
     spread = np.array((0.1, 0.01, 0.01, 0.02))  # of delay, and of what the eye's place is wrong by
