@@ -9,7 +9,7 @@ import pickle
 import socket
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BufferedRWPair as Link
 from typing import Any
 
@@ -104,7 +104,8 @@ class Peers:
         """Leave the others."""
         self._hook.remove()
         for link in self._links:
-            link.close()
+            with suppress(OSError):  # what is left for who has gone
+                link.close()
 
     @_unless_lost()
     def _average(self, optimizer: torch.optim.Optimizer, *_: Any) -> None:

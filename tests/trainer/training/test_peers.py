@@ -144,3 +144,18 @@ def test_all_step_by_the_mean_gradient_and_hold_the_same_weights(count: int, tmp
         pairs = zip(models[0].policy.parameters(), model.policy.parameters(), strict=True)
         for ours, other in pairs:
             torch.testing.assert_close(other, ours, rtol=0, atol=0)
+
+
+def test_who_leaves_after_a_loss_does_so_quietly(tmp_path: Any) -> None:
+    config = toy_config("ppo", 100)
+    ours, theirs = two_ends()
+    peers = Peers(0, [ours], build_model(config, make_toy(config, 8, 0), tmp_path))
+    theirs.close()
+
+    def give_on() -> None:
+        for _ in range(1_000):
+            give(ours, np.zeros(100))
+
+    with pytest.raises(OSError, match=r"Broken pipe|reset"):
+        give_on()
+    peers.close()  # though there is something left that nobody takes
