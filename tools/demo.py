@@ -1,8 +1,4 @@
-"""``make demo``: train, export, evaluate and drive through virtual hardware, before your eyes.
-
-Every stage is a command that a person can run alone; the demo prints each one, then runs it. A demo
-that was killed goes on with the stage it was in.
-"""
+"""``make demo``: train, export, evaluate and drive through virtual hardware, before your eyes."""
 
 from __future__ import annotations
 
@@ -11,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +22,8 @@ if TYPE_CHECKING:
 
 FILE = Path(__file__).with_name("demo.yaml")
 NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
-COMMAND = Command("tools.commands:demo_command", "train, export, judge and drive, in minutes")
+COMMAND = Command("tools.demo:demo_command", "train, export, judge and drive, in minutes")
+main = partial(run, COMMAND, prog="python -m tools.demo")
 
 
 @dataclass(frozen=True)
@@ -102,13 +100,17 @@ def show(metrics: dict[str, Any], out: Path, console: Console) -> None:
     console.print(f"Open {page}", markup=False, soft_wrap=True)
 
 
-def main(arguments: list[str] | None = None, prog: str = "python -m tools.demo") -> int:
-    """Run the demo; exit status 0 when it drove."""
-    return run(COMMAND, arguments, prog)
+def demo_command(out: Path = Path("runs/demo"), seed: int = 0, seconds: float = 75.0) -> int:
+    """Train, export, evaluate and drive through virtual hardware, before your eyes.
 
+    Every stage is a command that a person can run alone; the demo prints each one, then runs it. A
+    demo that was killed goes on with the stage it was in.
 
-def show_all(out: Path, seed: int, seconds: float) -> int:
-    """Run the stages that are not done; 0 when it drove. ConfigError: no place to write to."""
+    Args:
+        out: folder of the demo.
+        seed: of everything random.
+        seconds: of training.
+    """
     from rich.console import Console
 
     expect_between("seconds", seconds, 1.0, 1e6)

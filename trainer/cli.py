@@ -94,12 +94,9 @@ PURPOSES = {
 }
 
 
-def main(arguments: Sequence[str] | None = None, prog: str = PROGRAM) -> int:
-    """Run one command of the trainer's; the exit status."""
-    return run(COMMANDS, arguments, prog)
-
-
-def run(commands: Command | Group, arguments: Sequence[str] | None, prog: str) -> int:
+def run(
+    commands: Command | Group, arguments: Sequence[str] | None = None, *, prog: str = PROGRAM
+) -> int:
     """Run one of the commands of ``prog``, or its only one; the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
 
@@ -112,6 +109,9 @@ def run(commands: Command | Group, arguments: Sequence[str] | None, prog: str) -
         return do(**options)
 
     return answer(spoken(prog), work)
+
+
+main = functools.partial(run, COMMANDS)
 
 
 def _chosen(

@@ -73,7 +73,8 @@ def _run(words: List[str]) -> Optional[int]:
         return WRONG
     program = known[name]
     run = importlib.import_module(program.module).main
-    status: Optional[int] = run(words[1:], f"{NAME} {name}") if program.own else run(words, NAME)
+    rest, prog = (words[1:], f"{NAME} {name}") if program.own else (words, NAME)
+    status: Optional[int] = run(rest, prog=prog)
     return status
 
 

@@ -4,6 +4,7 @@ Whatever it writes appears whole or not at all; what it reads stays as it is.
 """
 
 import sys
+from functools import partial
 
 from trainer.cli import Command, run
 
@@ -18,13 +19,7 @@ COMMANDS = {
     "from-donkeycar": Command(f"{_DO}:from_donkeycar_command", "a Donkeycar tub as recordings"),
     "from-lerobot": Command(f"{_DO}:from_lerobot_command", "a LeRobot dataset as recordings"),
 }
-PROGRAM = "python -m tools.data"
-
-
-def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
-    """Exit status 2 for wrong input."""
-    return run(COMMANDS, arguments, prog)
-
+main = partial(run, COMMANDS, prog="python -m tools.data")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,6 +6,7 @@ import secrets
 import signal
 import socket
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 from robot.errors import ConfigError
@@ -22,12 +23,7 @@ if TYPE_CHECKING:
 WS_LIMIT_BYTES = 4096  # of one message from a page; its longest has 15
 WS_QUEUE = 8
 COMMAND = Command("tools.monitor.cli:monitor_command", "the operator's page in the browser")
-PROGRAM = "python -m tools.monitor"
-
-
-def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
-    """Serve until interrupted; 2 for wrong input."""
-    return run(COMMAND, argv, prog)
+main = partial(run, COMMAND, prog="python -m tools.monitor")
 
 
 def serve(arguments: MonitorOptions) -> None:
