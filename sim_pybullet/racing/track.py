@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.errors import MapError, nearest
+from robot.geometry import Pose
 from robot.navigation.path import Path
 from robot.typed_config import load_yaml, read_yaml
 
@@ -22,7 +23,7 @@ TRACKS_DIR = FilePath(__file__).parent.parent / "tracks"
 SPACING_M = 1.0  # between the points of a centre line
 MARGIN_M = 3.0  # of the world beyond the walls
 _MOST_GAP = 0.02  # of the length: a larger gap is a mistake in the file
-_START = (0.0, 0.0, 0.0)
+_START = Pose(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,8 @@ def close(track: Track) -> Track:
 
     MapError if the gap is over 2 % of the length, or the turns do not add up to whole circles.
     """
-    x_m, y_m, heading_rad = _begins(track.segments)[-1]
+    x_m, y_m, _ = _begins(track.segments)[-1]
+    heading_rad = math.radians(sum(s.angle_deg for s in track.segments if s.radius_m))
     askew_rad = heading_rad - round(heading_rad / math.tau) * math.tau
     gap_m = math.hypot(x_m, y_m)
     if gap_m > _MOST_GAP * track.length_m or abs(askew_rad) > _MOST_GAP * math.tau:
@@ -158,27 +160,12 @@ def centre_line(track: Track) -> CentreLine:
     return CentreLine(path, curvature / SCALE, size_m, half_m * SCALE, track.verge_m * SCALE)
 
 
-def _begins(segments: Sequence[Segment]) -> list[tuple[float, float, float]]:
+def _begins(segments: Sequence[Segment]) -> list[Pose]:
     """Where each segment of a drive from the origin along x begins, and where the last one ends."""
     poses = [_START]
     for segment in segments:
-        poses.append(_advance(poses[-1], segment, segment.length_m))
+        poses.append(poses[-1].moved(segment.length_m, segment.length_m * segment.curvature))
     return poses
-
-
-def _advance(
-    pose: tuple[float, float, float], segment: Segment, way_m: float
-) -> tuple[float, float, float]:
-    """The pose after ``way_m`` of a segment that begins at ``pose``: the chord of the arc."""
-    x_m, y_m, heading_rad = pose
-    turn_rad = way_m * segment.curvature
-    chord_m = way_m * float(np.sinc(0.5 * turn_rad / math.pi))
-    along_rad = heading_rad + 0.5 * turn_rad
-    return (
-        x_m + chord_m * math.cos(along_rad),
-        y_m + chord_m * math.sin(along_rad),
-        heading_rad + turn_rad,
-    )
 
 
 def _sample(
@@ -186,11 +173,11 @@ def _sample(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (M, 2), headings (M,) in (-pi, pi] and curvatures (M,) at arc lengths (M,)."""
     points, headings = np.zeros((len(arc_m), 2)), np.zeros(len(arc_m))
-    curvature, begin_m, pose = np.zeros(len(arc_m)), 0.0, _START
-    for segment in segments:
+    curvature, begin_m = np.zeros(len(arc_m)), 0.0
+    for segment, pose in zip(segments, _begins(segments), strict=False):
         end_m = begin_m + segment.length_m
         for k in np.flatnonzero((arc_m >= begin_m) & (arc_m < end_m)):
-            *points[k], headings[k] = _advance(pose, segment, float(arc_m[k]) - begin_m)
-            curvature[k] = segment.curvature
-        pose, begin_m = _advance(pose, segment, end_m - begin_m), end_m
-    return points, np.pi - (np.pi - headings) % math.tau, curvature
+            way_m, curvature[k] = float(arc_m[k]) - begin_m, segment.curvature
+            *points[k], headings[k] = pose.moved(way_m, way_m * segment.curvature)
+        begin_m = end_m
+    return points, headings, curvature
