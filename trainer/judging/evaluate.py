@@ -22,7 +22,7 @@ from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import MAX_HEADING_ERROR_RAD, Choices, find_task
-from trainer.judging.intervals import wilson_low
+from trainer.judging.intervals import share
 from trainer.options import EvaluateOptions, task_of
 
 FILM_S = 10.0  # of what a robot saw is kept
@@ -225,15 +225,15 @@ def summarise(
 ) -> Evaluation:
     """The figures of a set of episodes; ``parts`` says of each map to which part it belongs."""
     metrics = [drive.metrics for drive in drives]
-    successes = sum(drive.success for drive in drives)
+    success = share(sum(drive.success for drive in drives), len(drives))
     time_s = sum(m.survival_time_s for m in metrics)
     scale = find_task(inputs.task).scale
     laps = [drive.laps for drive in drives if drive.laps is not None]
     return Evaluation(
         inputs=inputs,
         episodes=len(drives),
-        success_rate=successes / len(drives),
-        success_rate_low=wilson_low(successes, len(drives)),
+        success_rate=success.value,
+        success_rate_low=success.low,
         mean_path_distance_m=sum(m.deviation_m_s for m in metrics) / time_s,
         survival_time_s=time_s / len(drives),
         driven_lane_m=float(np.mean([m.driven_lane_m for m in metrics])),

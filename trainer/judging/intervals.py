@@ -1,6 +1,5 @@
 """How sure a figure over episodes is, and whether two drivers differ."""
 
-import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -17,18 +16,12 @@ class Estimate(NamedTuple):
     high: float
 
 
-def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
-    """Lower end of the interval of Wilson 1927 for a share (z = 1.96: 95 %)."""
-    share, n = successes / episodes, episodes
-    centre = share + z * z / (2 * n)
-    spread = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    return max(0.0, (centre - spread) / (1 + z * z / n))
-
-
 def share(successes: int, episodes: int) -> Estimate:
-    """Of successes, with Wilson's interval."""
-    low, high = wilson_low(successes, episodes), 1.0 - wilson_low(episodes - successes, episodes)
-    return Estimate(successes / episodes, low, high)
+    """Of successes, with the interval of Wilson 1927."""
+    from scipy.stats import binomtest
+
+    low, high = binomtest(successes, episodes).proportion_ci(method="wilson")
+    return Estimate(successes / episodes, float(low), float(high))
 
 
 def median(values: Sequence[float]) -> Estimate:

@@ -19,7 +19,7 @@ from trainer.cli import main
 from trainer.export import export_network
 from trainer.judging import blocks, judge
 from trainer.judging.evaluate import Drive, open_policy, ridden, summarise
-from trainer.judging.intervals import wilson_low
+from trainer.judging.intervals import share
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
 from trainer.options import EvaluateOptions
@@ -312,9 +312,9 @@ def test_a_race_track_has_no_junctions_to_blank(capsys: pytest.CaptureFixture[st
 
 
 def test_wilson_interval_of_the_literature() -> None:
-    assert wilson_low(200, 200) == pytest.approx(0.981, abs=5e-4)
-    assert wilson_low(50, 50) == pytest.approx(0.929, abs=5e-4)
-    assert wilson_low(0, 10) == pytest.approx(0.0, abs=1e-12)
+    assert share(200, 200).low == pytest.approx(0.981, abs=5e-4)
+    assert share(50, 50).low == pytest.approx(0.929, abs=5e-4)
+    assert share(0, 10).low == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_look_without_all_that_varies_is_the_nominal_one(model: Path, tmp_path: Path) -> None:
