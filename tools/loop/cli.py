@@ -1,14 +1,15 @@
 """The options of the loop bench, and its command; imports nothing heavy."""
 
-import math
 import shutil
 import sys
+from argparse import ArgumentTypeError
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
+from robot.command_line import pair
 from robot.errors import ConfigError
 from robot.inference.policy import SHIPPED_MODELS
 
@@ -61,15 +62,10 @@ class LoopOptions:
     def place(self, name: str) -> tuple[float, float] | None:
         """``start`` or ``goal`` in metres."""
         text = getattr(self, name)
-        if text is None:
-            return None
         try:
-            x_m, y_m = (float(word) for word in text.split(","))
-        except ValueError:
-            x_m = y_m = math.nan
-        if not math.isfinite(x_m + y_m):
-            raise ConfigError(f"--{name}: expected X,Y in metres, such as 1.2,0.4, got {text!r}")
-        return x_m, y_m
+            return None if text is None else pair("X,Y in metres, such as 1.2,0.4")(text)
+        except ArgumentTypeError as error:
+            raise ConfigError(f"--{name}: {error}") from error
 
     @property
     def policy(self) -> Path:
