@@ -192,11 +192,10 @@ class Stage:
     def drive_off(self) -> None:
         """On a mission, or along its lane, at full speed."""
         bench, operator = self.bench, self.bench.operator
+        expect(operator, "arm")
         if bench.options.leader:
-            expect(operator, "arm")
             bench.type("auto")
         else:
-            expect(operator, "arm")
             expect(operator, "mission", self.goal)
         self.run(DRIVE_S)
         if operator.state != "AUTO":

@@ -100,7 +100,6 @@ class Person(Driver):
     """Sends the policy, watches, takes over where it strays, and sends it again."""
 
     strayed_s = 0.0  # for how long by now
-    helped = 0
 
     def _look(self) -> str:
         phase, began_s = super()._look(), self.bench.now_s
@@ -110,7 +109,6 @@ class Person(Driver):
             self.strayed_s = began_s
         if began_s - self.strayed_s < NOTICES_S:
             return phase
-        self.helped += 1
         goal = tuple(self.bench.operator.mission["destination"])
         while off_m > BACK_M and self.bench.now_s < began_s + LONGEST_S:
             self.bench.operator.steer(aim(path, self.bench.town.pose).stick)
