@@ -7,8 +7,9 @@ nothing heavy before they run.
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from robot.output import expect_writable, write_json
 from trainer.cli import Command, run
@@ -25,25 +26,22 @@ COMMANDS = {
     "from-lerobot": Command(f"{_DO}:from_lerobot_command", "a LeRobot dataset as recordings"),
 }
 main = partial(run, COMMANDS, prog="python -m tools.data")
+Recordings = Annotated[Positional[tuple[Path, ...]], arg(help="recordings, or folders of them.")]
+NewFolder = Annotated[Path, arg(help="a new folder.")]
 
 
-def list_command(recordings: Positional[tuple[Path, ...]]) -> int:
-    """What is in recordings: who drove how long, take-overs, marks.
-
-    Args:
-        recordings: recordings, or folders of them.
-    """
+def list_command(recordings: Recordings) -> int:
+    """What is in recordings: who drove how long, take-overs, marks."""
     from tools.data.drives import drives_in, table, tell
 
     print(table([tell(path) for path in drives_in(recordings)]))
     return 0
 
 
-def plot_command(recordings: Positional[tuple[Path, ...]], out: Path) -> int:
+def plot_command(recordings: Recordings, out: Path) -> int:
     """Steering and speed over time.
 
     Args:
-        recordings: recordings, or folders of them.
         out: the picture.
     """
     from tools.data.drives import drives_in, plot
@@ -54,13 +52,10 @@ def plot_command(recordings: Positional[tuple[Path, ...]], out: Path) -> int:
     return 0
 
 
-def split_command(
-    recordings: Positional[tuple[Path, ...]], out: Path, held_out: float = 0.2, seed: int = 0
-) -> int:
+def split_command(recordings: Recordings, out: Path, held_out: float = 0.2, seed: int = 0) -> int:
     """Whole drives to learn from, and others to judge by.
 
     Args:
-        recordings: recordings, or folders of them.
         out: JSON: learn and held_out.
         held_out: share to judge by.
         seed: of the lot.
@@ -89,13 +84,8 @@ def cut_command(source: Positional[Path], out: Path) -> int:
     return 0
 
 
-def to_donkeycar_command(recordings: Positional[tuple[Path, ...]], out: Path) -> int:
-    """Recordings as a Donkeycar tub (version 2).
-
-    Args:
-        recordings: recordings, or folders of them.
-        out: a new folder.
-    """
+def to_donkeycar_command(recordings: Recordings, out: NewFolder) -> int:
+    """Recordings as a Donkeycar tub (version 2)."""
     from tools.data.drives import drives_in, to_tub
 
     print(f"{out}: {to_tub(drives_in(recordings), out)} records")
@@ -103,13 +93,11 @@ def to_donkeycar_command(recordings: Positional[tuple[Path, ...]], out: Path) ->
 
 
 def to_lerobot_command(
-    recordings: Positional[tuple[Path, ...]], out: Path, task: str = "drive along the lane"
+    recordings: Recordings, out: NewFolder, task: str = "drive along the lane"
 ) -> int:
     """Recordings as a LeRobot dataset (version 3.0); needs the extra lerobot.
 
     Args:
-        recordings: recordings, or folders of them.
-        out: a new folder.
         task: what it is, in words.
     """
     from tools.data.drives import drives_in
@@ -119,12 +107,11 @@ def to_lerobot_command(
     return 0
 
 
-def from_donkeycar_command(source: Positional[Path], out: Path) -> int:
+def from_donkeycar_command(source: Positional[Path], out: NewFolder) -> int:
     """A Donkeycar tub as recordings.
 
     Args:
         source: the tub.
-        out: a new folder.
     """
     from tools.data.drives import from_tub
 
@@ -132,12 +119,11 @@ def from_donkeycar_command(source: Positional[Path], out: Path) -> int:
     return 0
 
 
-def from_lerobot_command(source: Positional[Path], out: Path) -> int:
+def from_lerobot_command(source: Positional[Path], out: NewFolder) -> int:
     """A LeRobot dataset of two wheels as recordings; needs the extra lerobot.
 
     Args:
         source: the dataset.
-        out: a new folder.
     """
     from tools.data.lerobot import from_dataset
 
