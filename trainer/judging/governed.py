@@ -48,18 +48,6 @@ class Ruled:
         return self.told
 
 
-class _View(LaneView):
-    """All robots ask of the same poses, of which each is looked up once."""
-
-    def __init__(self, road_map: RoadMap) -> None:
-        super().__init__(road_map)
-        self._line_ahead_m = lru_cache(maxsize=256)(super().line_ahead_m)
-
-    def line_ahead_m(self, pose: Pose) -> float:
-        """See `LaneView`."""
-        return self._line_ahead_m(pose)
-
-
 class _Above:
     """The localizer of one group of bodies; its errors follow from the episode's number."""
 
@@ -124,7 +112,9 @@ class Governed(Pilot):
 
     def _begin(self, world: BatchWorld, task: Traffic, bodies: int) -> None:
         """All begin their only episode."""
-        views = {m.name: _View(m) for m in task.road_maps if isinstance(m, RoadMap)}
+        views = {m.name: LaneView(m) for m in task.road_maps if isinstance(m, RoadMap)}
+        for each in views.values():  # all robots ask of the same poses: each is looked up once
+            each.line_ahead_m = lru_cache(maxsize=256)(each.line_ahead_m)  # type: ignore[method-assign]
         for i, number in enumerate(world.numbers.tolist()):
             view, place = views[task.road_maps[world.maps[i]].name], i % task.group
             others = Neighbours(view, _name(place), self._look.position_m)
