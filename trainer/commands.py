@@ -29,8 +29,6 @@ def train_command(
     Args:
         out: the run's folder; must not hold a run yet, unless --resume. With --seeds or --matrix
             the folder of all runs; finished ones are skipped, others go on.
-        options: how.
-        many: several at once.
         resume: go on with the run in --out, if there is one, with its own configuration; give its
             options again, or none.
         given: the names of the options that were given.
@@ -54,8 +52,6 @@ def evaluate_command(
     """Drive an exported policy greedily through whole frames, and count successes.
 
     Args:
-        options: what, where and how often.
-        many: several at once.
         json: write the figures there. With --seeds or --matrix what is its own is added to each
             name; without --json the files are evaluation_*.json beside the models.
         drives: film the worst that failed or left their lane, beside --json, for report.

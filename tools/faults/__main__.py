@@ -31,9 +31,6 @@ def faults_command(options: Annotated[FaultsOptions, tyro.conf.arg(name="")]) ->
     """Every fault in the loop with the real processes; a table.
 
     In lock-step: times are those of the robot's own clock, without what a slow computer adds.
-
-    Args:
-        options: which faults, and who meets them.
     """
     from tools.faults.meet import meet
 

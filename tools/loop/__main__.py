@@ -88,9 +88,6 @@ def loop_command(options: Annotated[LoopOptions, tyro.conf.arg(name="")] = LoopO
     A world process holds town, wheels, HAT and cameras; robot, localizer and monitor are the
     programs as they are, over encrypted links; missions are clicked, in effect, on the monitor's
     page.
-
-    Args:
-        options: what is driven, by whom and where.
     """
     options.check()
     if options.laps is not None:

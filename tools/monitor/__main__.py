@@ -43,11 +43,7 @@ class MonitorOptions:
 def monitor_command(
     options: Annotated[MonitorOptions, tyro.conf.arg(name="")] = MonitorOptions(),
 ) -> int:
-    """Serve the operator's page until interrupted.
-
-    Args:
-        options: whom the page shows, and where.
-    """
+    """Serve the operator's page until interrupted."""
     if (options.link is None) is not options.demo:
         given = "both" if options.demo else "none"
         raise ConfigError(f"expected either --link FILE or --demo, got {given}")

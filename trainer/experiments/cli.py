@@ -69,7 +69,6 @@ def table1_command(out: Path, options: Annotated[Table1Options, tyro.conf.arg(na
 
     Args:
         out: folder for table1.json, table1.png and the networks.
-        options: which drive, and who foretells it.
     """
     from robot.output import write_json
     from trainer.experiments.table1 import as_table, draw_table, foretell
@@ -94,8 +93,6 @@ def six_models_command(
 
     Args:
         out: folder for the runs, six_models.json, six_models.md and six_models.png (learning).
-        options: what is trained, and where it is judged.
-        workers: processes at once, or a Ray cluster.
     """
     from robot.inference.policy import OnnxTranslator
     from trainer.experiments.six_models import drives, models, report, trainings
@@ -125,8 +122,6 @@ def figure5_command(
 
     Args:
         out: folder for frames, translator, runs, figure5.json and figure5.png.
-        options: what is trained, and where it is judged.
-        workers: processes at once, or a Ray cluster.
     """
     from robot.output import write_json
     from trainer.experiments.figure5 import as_table, draw_figure, gather, trainings, translator

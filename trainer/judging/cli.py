@@ -40,7 +40,6 @@ def judge_command(
     """Drive a challenge of the AI Driving Olympics, and tell its measures.
 
     Args:
-        options: who drives, where, and how often.
         workers: processes, else one for each core; the figures are the same.
         json: write the figures there.
         out: a folder for a page with films of the worst episodes.

@@ -34,7 +34,6 @@ def train_command(out: Path, options: Annotated[SightRun, tyro.conf.arg(name="")
 
     Args:
         out: folder of the run.
-        options: how much of what.
     """
     from trainer.sight.train import train_sight
 

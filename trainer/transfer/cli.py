@@ -82,7 +82,6 @@ def collect_command(out: Path, source: Annotated[Source, tyro.conf.arg(name="")]
 
     Args:
         out: a folder that does not exist yet; gets image/ and label/.
-        source: which.
     """
     from trainer.transfer.pictures import collect
 
@@ -169,7 +168,6 @@ def parse_train_command(
 
     Args:
         out: the run's folder; must not hold a run yet, unless --resume.
-        options: what from, and how.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     from trainer.run import take_up
@@ -205,7 +203,6 @@ def parse_translate_command(
 
     Args:
         out: the run's folder; must not hold a run yet, unless --resume.
-        options: what from, and how.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     from trainer.run import take_up
