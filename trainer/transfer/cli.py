@@ -14,6 +14,11 @@ from rich.console import Console
 
 from robot.errors import ConfigError
 
+_NEW = "the run's folder; must not hold a run yet, unless --resume."
+_ON = "go on with the run in --out, if there is one, with its own configuration."
+NewRun = Annotated[Path, tyro.conf.arg(help=_NEW)]
+Resume = Annotated[bool, tyro.conf.arg(help=_ON)]
+
 
 @dataclass(frozen=True)
 class Source:
@@ -91,21 +96,20 @@ def collect_command(out: Path, source: Annotated[Source, tyro.conf.arg(name="")]
 
 
 def translate_train_command(
-    out: Path,
+    out: NewRun,
     sim: tuple[Path, ...] = (),
     real: tuple[Path, ...] = (),
     preset: str = "fast",
     steps: int | None = None,
     structure: float | None = None,
     seed: int = 0,
-    resume: bool = False,
+    resume: Resume = False,
 ) -> int:
     """Train CycleGAN between simulator and photographs; leaves both translators, and sheet.png.
 
     Tells at last, of the pictures that it learned from, what `translate judge` tells of others.
 
     Args:
-        out: the run's folder; must not hold a run yet, unless --resume.
         sim: collections from the simulator (python -m trainer collect).
         real: folders of photographs, videos or robots' recordings (.mcap); each is drawn from
             equally often.
@@ -113,7 +117,6 @@ def translate_train_command(
         steps: updates, in place of the preset's.
         structure: weight of keeping painted lines in place; 0 is plain CycleGAN.
         seed: of everything random.
-        resume: go on with the run in --out, if there is one, with its own configuration.
     """
     from trainer.run import take_up
     from trainer.transfer.cyclegan import TranslationConfig, train_translation, translation_preset
@@ -162,14 +165,9 @@ def translate_judge_command(
 
 
 def parse_train_command(
-    out: Path, options: Annotated[ParseOptions, tyro.conf.arg(name="")], resume: bool = False
+    out: NewRun, options: Annotated[ParseOptions, tyro.conf.arg(name="")], resume: Resume = False
 ) -> int:
-    """Teach SegNet to label frames; leaves parser.pt, scores.json and sheet.png of held-out frames.
-
-    Args:
-        out: the run's folder; must not hold a run yet, unless --resume.
-        resume: go on with the run in --out, if there is one, with its own configuration.
-    """
+    """Teach SegNet to label frames; leaves parser.pt, scores.json, sheet.png of held-out frames."""
     from trainer.run import take_up
     from trainer.transfer.labelled import load_sources
     from trainer.transfer.parser import train_parser
@@ -197,14 +195,9 @@ def parse_export_command(model: Path, out: Path) -> int:
 
 
 def parse_translate_command(
-    out: Path, options: Annotated[ThroughOptions, tyro.conf.arg(name="")], resume: bool = False
+    out: NewRun, options: Annotated[ThroughOptions, tyro.conf.arg(name="")], resume: Resume = False
 ) -> int:
-    """Teach virtual -> parsing -> real; leaves sim_to_real.onnx, a translator, and sheet.png.
-
-    Args:
-        out: the run's folder; must not hold a run yet, unless --resume.
-        resume: go on with the run in --out, if there is one, with its own configuration.
-    """
+    """Teach virtual -> parsing -> real; leaves sim_to_real.onnx, a translator, and sheet.png."""
     from trainer.run import take_up
     from trainer.transfer.pix2pix import translate_through
 
