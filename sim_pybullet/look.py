@@ -56,8 +56,7 @@ class TrackLook:
     wall_rgb: Rgb = (172.0, 172.0, 176.0)
     wall_2_rgb: Rgb = (150.0, 150.0, 156.0)
     wall_height_m: Annotated[float, (0.0, 100.0)] = 1.0  # in metres of the real track
-    centre_line: Share = 1.0  # opacity of a dashed yellow line in the middle
-    dashes_m: Annotated[float, (0.1, 1000.0)] = 10.0  # their period, in metres of the real track
+    dashes_m: Annotated[float, (0.1, 1000.0)] = 10.0  # period of the yellow middle, real metres
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ def _sizes(line: CentreLine, look: Look, texel_m: float) -> np.ndarray:
     real = (LINE_M * wide, KERB_M, STONE_M, CENTRE_LINE_M * wide, look.track.dashes_m)
     road = (line.half_width_m, line.verge_m, *(SCALE * value for value in real))
     spacing = line.path.length_m / len(line.curvature)
-    return np.array((*road, look.track.centre_line, spacing, texel_m))
+    return np.array((*road, spacing, texel_m))
 
 
 def track_walls(track: Track, look: Look) -> tuple[Solid, ...]:
@@ -209,11 +209,11 @@ def lay(
         bends: (M,) bool, whether there are kerbs at the centre line's points.
         colours: (7, 3) float32, rows as named above.
         sizes: half width, verge, edge line, kerb, length of a kerb stone, centre line, its dashes'
-            period, its opacity, point spacing, texel.
+            period, point spacing, texel.
         grain, kept: (S, S) float32, S a power of two: noise [grey levels], share of paint left.
         brightness: (H, W) float32 factor.
     """
-    half, verge, line, kerb, stone, middle, period, opacity, spacing, texel = sizes
+    half, verge, line, kerb, stone, middle, period, spacing, texel = sizes
     height, width = offset.shape
     rgb, classes = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.uint8)
     mask = len(grain) - 1
@@ -228,7 +228,7 @@ def lay(
                 white = _band(away, half - 1.5 * line, half - 0.5 * line, texel)
                 white = max(white, _band(arc[v, u], 0.0, 2.0 * line, texel))
                 if arc[v, u] % period < 0.5 * period:
-                    yellow = opacity * _band(away, -0.5 * middle, 0.5 * middle, texel)
+                    yellow = _band(away, -0.5 * middle, 0.5 * middle, texel)
             elif away < half + verge:
                 base, noise = GRASS, 2.0 * noise
                 index = min(max(int(arc[v, u] / spacing), 0), len(bends) - 1)

@@ -19,7 +19,7 @@ from tests.sim_pybullet.pybullet_camera import PyBulletCamera
 
 TRACK = load_track("karting")
 LINE = centre_line(TRACK)
-PLAIN = Look(ground=GroundLook(grain=0.0), track=TrackLook(centre_line=1.0))
+PLAIN = Look(ground=GroundLook(grain=0.0))
 
 
 def classes_beside(ground: Ground, offset_m: float) -> np.ndarray:
