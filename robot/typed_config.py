@@ -104,10 +104,8 @@ def read_json(path: Path) -> Dict[str, Any]:
     return found
 
 
-@functools.lru_cache(maxsize=None)
-def _type_hints(kind: type) -> Dict[str, Any]:
-    """Resolving the annotations takes longer than all the rest, and messages come often."""
-    return typing.get_type_hints(kind)
+# Resolving the annotations takes longer than all the rest, and messages come often.
+_type_hints = functools.lru_cache(maxsize=None)(typing.get_type_hints)
 
 
 def _convert(kind: Any, value: Any, label: str) -> Any:

@@ -127,7 +127,9 @@ class DriveFilm:
         picture = np.full((SIZE_PX[1], SIZE_PX[0], 3), PAGE, np.uint8)
         seen = moment.camera
         if self._explainer is not None:
-            seen = with_attention(seen, self._explainer)
+            weights = cv2.resize(weights_over(self._explainer, seen), seen.shape[1::-1])[..., None]
+            lit = (1.0 - 0.75 * weights) * seen + 0.75 * weights * np.array(LIGHT, np.float32)
+            seen = np.asarray(lit, np.uint8)
         _put(picture, cv2.resize(seen, CAMERA_PX, interpolation=cv2.INTER_CUBIC), (0, 0))
         left, top, width, height = MAP_BOX
         above = self.map.draw(moment)
@@ -140,12 +142,6 @@ class DriveFilm:
 
 def _put(picture: np.ndarray, part: np.ndarray, at: tuple[int, int]) -> None:
     picture[at[1] : at[1] + part.shape[0], at[0] : at[0] + part.shape[1]] = part
-
-
-def with_attention(frame: np.ndarray, explainer: Explainer) -> np.ndarray:
-    """The frame (H, W, 3) uint8 RGB with warm light where the policy looks."""
-    weights = 0.75 * cv2.resize(weights_over(explainer, frame), frame.shape[1::-1])[..., None]
-    return np.asarray((1.0 - weights) * frame + weights * np.array(LIGHT, np.float32), np.uint8)
 
 
 def _draw_values(picture: np.ndarray, moment: Moment, actions: ActionTable) -> None:

@@ -89,10 +89,9 @@ def _draw_success(axis: Axes, records: Sequence[Record]) -> None:
 
 
 def _draw_distance(axis: Axes, records: Sequence[Record]) -> None:
-    def distance_cm(e: Evaluated) -> float:
-        return nan if e.mean_distance_m is None else 100.0 * e.mean_distance_m
-
-    _draw_evaluations(axis, records, distance_cm)
+    _draw_evaluations(
+        axis, records, lambda e: nan if e.mean_distance_m is None else 100.0 * e.mean_distance_m
+    )
     axis.set(ylabel="distance from the path [cm]")
     axis.set_ylim(bottom=0.0)
 
