@@ -23,9 +23,8 @@ from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin.camera import PX_PER_RAD, cover_scene
 from trainer.twin.colours import members, seen_from
-from trainer.twin.fit import Twin, fit_twin
+from trainer.twin.fit import Twin, fit_twin, twin_pictures, write_twin_page
 from trainer.twin.motion import NAMES, at_times, reckoned
-from trainer.twin.page import twin_pictures, write_twin_page
 from trainer.twin.recorded import Recorded, read_drive
 
 MAP = "rings/claw"

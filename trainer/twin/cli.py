@@ -32,8 +32,7 @@ def fit_command(
 
 
 def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[list[Recorded], Twin]:
-    from trainer.twin.fit import fit_twin, write_twin
-    from trainer.twin.page import write_twin_page
+    from trainer.twin.fit import fit_twin, write_twin, write_twin_page
     from trainer.twin.recorded import read_drives
 
     drives = read_drives(recordings, lambda line: console.print(line, markup=False))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,15 +14,21 @@ from scipy.optimize import least_squares
 from robot.errors import ConfigError
 from robot.geometry import compose, uncompose, wrap_angle
 from robot.output import write_text
+from robot.recording.drive_file import png
 from robot.typed_config import read_yaml
 from sim_pybullet.look import NOMINAL, Look, look_from_plain
+from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.randomise import LOOKS_DIR, look_sampler
+from sim_pybullet.scene import Scene
+from sim_pybullet.sensing.sensor import apply_sensor
+from trainer.report.page import write_page
 from trainer.twin import camera as seen
 from trainer.twin import motion as moved
 from trainer.twin.colours import Colours, fit_colours, seen_from
 from trainer.twin.recorded import Recorded
 
 KEY_PICTURES, TRACKED = 30, 400
+SHOWN = 6  # of the key pictures, on the page
 EYE_PIECE_S = 3.0  # of driving, for which the wheels are trusted between poses that the eye told
 IN_PIECE, LEAST_TRACKED = 13, 40  # pictures of each piece, and of each drive
 LEAST_TOLD = 30  # of these pictures must tell something
@@ -95,6 +102,22 @@ def write_twin(twin: Twin, out: Path) -> None:
     """The look's YAML, with what could not be seen as its head."""
     head = "".join(f"# {line}\n" for line in ("A twin, by duckpilot fit.", *twin.unseen))
     write_text(out, head + yaml.safe_dump(twin.plain(), sort_keys=False, default_flow_style=None))
+
+
+def twin_pictures(twin: Twin, drive: Recorded) -> np.ndarray:
+    """(F, 120, 160, 3) what the twin's camera sees where the key pictures were taken."""
+    look = twin.look
+    scene = Scene(paint_ground(drive.road_map, look.ground), (), look.sky, look.light)
+    drawn = seen_from(scene, twin.camera.values, twin.camera.poses)
+    return apply_sensor(drawn, [look.sensor] * len(drawn), np.random.default_rng(0))
+
+
+def write_twin_page(twin: Twin, drive: Recorded, path: Path) -> None:
+    """Recorded pictures beside the twin's, under the table of what was found."""
+    both = twin.pictures, twin_pictures(twin, drive)
+    chosen = np.linspace(0, len(twin.pictures) - 1, SHOWN).astype(int)
+    pairs = [[base64.b64encode(png(some[k])).decode("ascii") for some in both] for k in chosen]
+    write_page("twin.html", path, twin=twin, seconds=drive.seconds, pairs=pairs)
 
 
 def fit_twin(drives: Sequence[Recorded]) -> Twin:
