@@ -5,9 +5,7 @@ from __future__ import annotations
 import errno
 from collections import deque
 from enum import Enum
-from typing import NamedTuple, NoReturn, Protocol
-
-from robot.computer.clock import Clock
+from typing import NoReturn, Protocol
 
 
 class I2cDevice(Protocol):
@@ -30,24 +28,12 @@ class BusFault(Enum):
     PARTIAL = "the chip stops acknowledging half-way"
 
 
-class Transaction(NamedTuple):
-    """What went over the wire; ``data`` without the address byte."""
-
-    address: int
-    data: bytes
-    read_count: int
-
-
 class VirtualI2cBus:
     """A bus that implements ``robot.hat.bus.I2cBus`` over attached devices."""
 
     name = "virtual I2C bus"  # as a person would see it in a message
 
-    def __init__(self, bus_hz: int = 100_000, clock: Clock | None = None) -> None:
-        self.bus_hz = bus_hz
-        self.busy_s = 0.0
-        self.log: deque[Transaction] = deque(maxlen=4096)
-        self._clock = clock
+    def __init__(self) -> None:
         self._devices: list[I2cDevice] = []
         self._faults: deque[BusFault | None] = deque()
 
@@ -65,36 +51,26 @@ class VirtualI2cBus:
 
     def write(self, address: int, data: bytes) -> None:
         """One write message; OSError as Linux reports it."""
-        device, partial = self._address(Transaction(address, bytes(data), 0), len(data))
+        device, partial = self._answering(address, len(data))
         sent = data[: len(data) // 2] if partial else data
         if not device.write(bytes(sent)) or partial:
             _not_acknowledged()
 
     def read(self, address: int, register: int, count: int) -> bytes:
         """One write and one read message joined by a repeated START."""
-        device, partial = self._address(Transaction(address, bytes((register,)), count), count)
+        device, partial = self._answering(address, count)
         if not device.write(bytes((register,))) or partial:
             _not_acknowledged()
         return device.read(register, count)
 
-    def _begin(self, transaction: Transaction) -> None:
-        self.log.append(transaction)
-        messages = 2 if transaction.read_count else 1
-        size = messages + len(transaction.data) + transaction.read_count
-        duration_s = (9 * size + messages + 1) / self.bus_hz
-        self.busy_s += duration_s
-        if self._clock is not None:
-            self._clock.sleep(duration_s)
-
-    def _address(self, transaction: Transaction, size: int) -> tuple[I2cDevice, bool]:
+    def _answering(self, address: int, size: int) -> tuple[I2cDevice, bool]:
         """Who answers, and whether only half-way."""
         if size == 0:  # i2c-tegra declares I2C_AQ_NO_ZERO_LEN, and the kernel answers for it
             raise OSError(errno.EOPNOTSUPP, "Operation not supported: message of zero length")
-        self._begin(transaction)
         fault = self._faults.popleft() if self._faults else None
         if fault is BusFault.STUCK:
             raise OSError(errno.ETIMEDOUT, "Connection timed out")
-        there = [device for device in self._devices if device.address == transaction.address]
+        there = [device for device in self._devices if device.address == address]
         if fault is BusFault.NACK or not there:
             _not_acknowledged()
         return there[0], fault is BusFault.PARTIAL

@@ -20,7 +20,7 @@ from robot.runtime.loop import Runtime
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Command, Safety
 from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.i2c import VirtualI2cBus
+from tests.robot.hat.rig import WatchedBus
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
 ROOT = Path(__file__).parent.parent.parent
@@ -54,7 +54,7 @@ def test_one_turn_takes_a_picture_through_the_listed_modules_to_the_bus(tmp_path
         if event == "call" and (ROOT / "robot") in path.parents:
             called.add(path.relative_to(ROOT / "robot").as_posix())
 
-    clock, bus = MonotonicClock(), VirtualI2cBus()
+    clock, bus = MonotonicClock(), WatchedBus()
     VirtualHat(bus, clock)
     patient = SafetyLimits(frame_age_s=9.0, loop_age_s=9.0)
     policy = OnnxPolicy(write_policy(tmp_path / "lane.onnx", lane_contract()))

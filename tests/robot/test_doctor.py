@@ -19,7 +19,8 @@ from robot.link.keys import keygen
 from robot.link.messages import Reading
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
+from sim_pybullet.virtual.i2c import BusFault
+from tests.robot.hat.rig import WatchedBus
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 
@@ -31,7 +32,7 @@ class Patient:
     processor: str = "aarch64"
     packages: Dict[str, str] = field(default_factory=dict)
     without: Tuple[str, ...] = ()
-    hats: Dict[int, VirtualI2cBus] = field(default_factory=dict)
+    hats: Dict[int, WatchedBus] = field(default_factory=dict)
     look: CameraLook = field(default_factory=lambda: CameraLook(60, 2.0, (320, 240), 0, 100.0))
     health: Tuple[Reading, ...] = (Reading("temperature", 45.0, "°C"), Reading("load", 0.2))
     unreachable: str = ""
@@ -64,15 +65,15 @@ class Patient:
         return self.unreachable
 
 
-def bus_with_hat(address: int = 0x6F) -> VirtualI2cBus:
-    bus = VirtualI2cBus()
+def bus_with_hat(address: int = 0x6F) -> WatchedBus:
+    bus = WatchedBus()
     VirtualHat(bus, VirtualClock(), address)
     return bus
 
 
 @pytest.fixture
 def patient() -> Patient:
-    return Patient(hats={0: VirtualI2cBus(), 1: bus_with_hat()})
+    return Patient(hats={0: WatchedBus(), 1: bus_with_hat()})
 
 
 @pytest.fixture
@@ -125,9 +126,9 @@ AILMENTS: Dict[str, Tuple[Ail, str, str, str]] = {
         "onnxruntime==1.19.2",
     ),
     "no bus": (sets(hats={}), "motor HAT", FAIL, "pins 3 and 5"),
-    "no HAT": (sets(hats={1: VirtualI2cBus()}), "motor HAT", FAIL, "i2cdetect -y -r 1"),
+    "no HAT": (sets(hats={1: WatchedBus()}), "motor HAT", FAIL, "i2cdetect -y -r 1"),
     "another bus": (sets(hats={7: bus_with_hat(0x60)}), "motor HAT", FAIL, "{bus: 7, addres"),
-    "not in the group": (sets(hats={0: VirtualI2cBus()}), "motor HAT", FAIL, "to i2c"),
+    "not in the group": (sets(hats={0: WatchedBus()}), "motor HAT", FAIL, "to i2c"),
     "camera absent": (
         sets(dead_camera="/dev/video0: does not open"),
         "camera",

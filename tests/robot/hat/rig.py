@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import List, NamedTuple, Optional
+from collections import deque
+from typing import Deque, List, NamedTuple, Optional
 
+from robot.computer.clock import Clock
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
@@ -12,16 +14,51 @@ from robot.hat.stepper_hat import StepperHat
 from robot.hat.stepping import StepPlanner
 from sim_pybullet.virtual.clock import VirtualClock, run_until
 from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.i2c import Transaction, VirtualI2cBus
+from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.rotor import RotorModel
 
 ALL_OFF = b"\xfd\x10"
 REFRESH_S = 0.1  # as often as a policy decides
 
 
+class Transaction(NamedTuple):
+    """What went over the wire; ``data`` without the address byte."""
+
+    address: int
+    data: bytes
+    read_count: int
+
+
+class WatchedBus(VirtualI2cBus):
+    """A bus that notes what goes over it, and takes its time by a clock, if there is one."""
+
+    def __init__(self, bus_hz: int = 100_000, clock: Optional[Clock] = None) -> None:
+        super().__init__()
+        self.log: Deque[Transaction] = deque(maxlen=4096)
+        self.busy_s = 0.0
+        self._bus_hz, self._clock = bus_hz, clock
+
+    def write(self, address: int, data: bytes) -> None:
+        self._begin(Transaction(address, bytes(data), 0))
+        super().write(address, data)
+
+    def read(self, address: int, register: int, count: int) -> bytes:
+        self._begin(Transaction(address, bytes((register,)), count))
+        return super().read(address, register, count)
+
+    def _begin(self, transaction: Transaction) -> None:
+        self.log.append(transaction)
+        messages = 2 if transaction.read_count else 1
+        size = messages + len(transaction.data) + transaction.read_count
+        duration_s = (9 * size + messages + 1) / self._bus_hz
+        self.busy_s += duration_s
+        if self._clock is not None:
+            self._clock.sleep(duration_s)
+
+
 class Rig(NamedTuple):
     clock: VirtualClock
-    bus: VirtualI2cBus
+    bus: WatchedBus
     hat: VirtualHat
     driver: MotorDriver
 
@@ -56,7 +93,7 @@ def make_rig(config: Optional[HatConfig] = None, model: Optional[RotorModel] = N
     """A rig whose driver is not yet open; the bus takes its time, as a real one does."""
     config = config or HatConfig()
     clock = VirtualClock()
-    bus = VirtualI2cBus(config.bus_hz, clock)
+    bus = WatchedBus(config.bus_hz, clock)
     model = model or RotorModel(steps_per_rev=config.steps_per_rev)
     hat = VirtualHat(bus, clock, model=model)
     return Rig(clock, bus, hat, MotorDriver(StepperHat(bus, config, clock), config, clock))

@@ -16,13 +16,13 @@ from robot.hat.config import HatConfig, MotorConfig
 from robot.hat.stepping import StepPlanner
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.i2c import BusFault, Transaction, VirtualI2cBus
-from tests.robot.hat.rig import Rig, make_rig, speeds
+from sim_pybullet.virtual.i2c import BusFault
+from tests.robot.hat.rig import Rig, Transaction, WatchedBus, make_rig, speeds
 
 READS = [(0x00, 1), (0x01, 1), (0xFE, 1)]
 
 
-class DatedBus(VirtualI2cBus):
+class DatedBus(WatchedBus):
     """Notes when each transaction begins, and takes no time for it."""
 
     def __init__(self, clock: VirtualClock) -> None:

@@ -17,8 +17,7 @@ from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread, own_bus
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.i2c import VirtualI2cBus
-from tests.robot.hat.rig import ALL_OFF
+from tests.robot.hat.rig import ALL_OFF, WatchedBus
 
 
 @pytest.fixture
@@ -64,7 +63,7 @@ class Hanging(MotorThread):
 
 @pytest.fixture
 def rig() -> Any:
-    clock, bus, config = VirtualClock(), VirtualI2cBus(), HatConfig()
+    clock, bus, config = VirtualClock(), WatchedBus(), HatConfig()
     hat = VirtualHat(bus, clock)
     driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
     return SimpleNamespace(motors=Hanging(driver, clock), clock=clock, bus=bus, hat=hat)

@@ -12,6 +12,7 @@ from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Output, Pca9685Registers
+from tests.robot.hat.rig import WatchedBus
 
 
 class RealTimeClockChip:
@@ -29,7 +30,7 @@ class RealTimeClockChip:
 
 @pytest.mark.parametrize("address", [0x6F, 0x60])
 def test_probe_finds_the_board_at_either_address_without_writing(address: int) -> None:
-    clock, bus = VirtualClock(), VirtualI2cBus()
+    clock, bus = VirtualClock(), WatchedBus()
     bus.attach(Pca9685Registers(address, clock))
     assert Pca9685.probe(bus, (0x6F, 0x60), clock).address == address
     assert all(t.read_count == 1 and len(t.data) == 1 for t in bus.log)
@@ -51,7 +52,7 @@ def test_a_stranger_is_left_alone_and_a_stuck_bus_is_told() -> None:
 
 
 def test_initialise_silences_a_chip_left_running_and_sets_the_fastest_pwm() -> None:
-    clock, bus = VirtualClock(), VirtualI2cBus()
+    clock, bus = VirtualClock(), WatchedBus()
     registers = Pca9685Registers(0x6F, clock)
     bus.attach(registers)
     bus.write(0x6F, b"\x00\x21")
@@ -90,7 +91,7 @@ def test_channel_bytes_give_the_duty_and_never_equal_counts(level: float) -> Non
 def test_bus_times_are_those_of_nine_bits_per_byte() -> None:
     assert bus_time_s(41, 100_000) == pytest.approx(3.80e-3)
     assert bus_time_s(2, 100_000) == pytest.approx(0.29e-3)
-    bus = VirtualI2cBus(100_000)
+    bus = WatchedBus(100_000)
     bus.attach(Pca9685Registers(0x6F, VirtualClock()))
     bus.write(0x6F, bytes(2))
     assert bus.busy_s == pytest.approx(0.29e-3)
@@ -101,7 +102,7 @@ def test_bus_times_are_those_of_nine_bits_per_byte() -> None:
 class KernelBus:
     """Takes smbus2's own messages apart, as the kernel would."""
 
-    devices = VirtualI2cBus()
+    devices = WatchedBus()
 
     def __init__(self, number: int) -> None:
         self.closed = False
@@ -142,7 +143,7 @@ def test_an_absent_bus_is_told_with_the_right_numbers() -> None:
 
 
 def test_an_update_of_both_motors_is_one_write_of_41_bytes() -> None:
-    bus = VirtualI2cBus()
+    bus = WatchedBus()
     hat = VirtualHat(bus, MonotonicClock())
     chip = Pca9685.probe(bus, HatConfig().addresses, MonotonicClock())
     chip.initialise()

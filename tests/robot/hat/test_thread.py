@@ -11,13 +11,13 @@ from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread, real_motors
 from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
-from tests.robot.hat.rig import ALL_OFF, speeds
+from sim_pybullet.virtual.i2c import BusFault
+from tests.robot.hat.rig import ALL_OFF, WatchedBus, speeds
 
 
 @pytest.fixture
-def parts() -> Tuple[MotorThread, VirtualI2cBus, VirtualHat]:
-    clock, bus, config = MonotonicClock(), VirtualI2cBus(), HatConfig()
+def parts() -> Tuple[MotorThread, WatchedBus, VirtualHat]:
+    clock, bus, config = MonotonicClock(), WatchedBus(), HatConfig()
     hat = VirtualHat(bus, clock)
     driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
     return MotorThread(driver), bus, hat
