@@ -1,10 +1,10 @@
-"""``RoadWatch``: what lies before the robot, for the rules of the road."""
+"""What lies before the robot, for the rules of the road: on a map, or in its lane by sight."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Optional, Tuple
+from typing import Callable, Optional, Tuple
 
 import numpy as np
 
@@ -12,9 +12,10 @@ from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Neighbours
 from robot.navigation.sight_fix import LINE, ROAD
+from robot.parts import Guidance
 from robot.safety.governors import NOSE_M
 from robot.safety.road_ahead import AtJunction, Junction, RoadAhead
-from robot.vision.sight import Seen
+from robot.vision.sight import Glimpse, Seen
 
 MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
 _NEAR_M = 0.3  # before a line, or a little over it
@@ -45,6 +46,25 @@ class WaySeen:
         """The free way now; NaN, before which a robot stands, where no fresh picture tells."""
         gone_m = driven_m - self._at_m if now_s - self._at_s <= FRESH_S else math.nan
         return RoadAhead(self._seen.free_m - gone_m, self._seen.free_sigma_m)
+
+
+class LaneWatch:
+    """A ``Navigator`` without map, place or path: it tells what lies ahead, by any ``odometry``."""
+
+    def __init__(self, glimpse: Glimpse, odometry: Callable[[], Pose]) -> None:
+        self._glimpse, self._way = glimpse, WaySeen()
+        self._odometry, self._odometer, self._driven_m = odometry, odometry(), 0.0
+
+    def look(self, now_s: float) -> Guidance:
+        """What the newest picture shows, and how far the robot has driven since."""
+        last, self._odometer = self._odometer, self._odometry()
+        self._driven_m += last.arc_to(self._odometer)[0]
+        glimpsed = self._glimpse.look()
+        if glimpsed is not None:
+            seen, taken_s = glimpsed
+            self._way.see(seen, self._driven_m, taken_s)
+        ahead = self._way.ahead(self._driven_m, now_s)
+        return Guidance(ahead=ahead, driven_m=self._driven_m)
 
 
 class RoadWatch:

@@ -29,12 +29,11 @@ from robot.link.command_server import CommandServer
 from robot.link.messages import FrameMessage, PosesMessage, Reading, Telemetry
 from robot.link.sockets import Link
 from robot.navigation.lane_view import LaneView
-from robot.navigation.lane_watch import LaneWatch
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.neighbours import Neighbours
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
-from robot.navigation.road_watch import RoadWatch, WaySeen
+from robot.navigation.road_watch import LaneWatch, RoadWatch, WaySeen
 from robot.parts import Motors, Operator, Subscriber, Tick
 from robot.recording.drive_file import Heard, describe
 from robot.recording.recorder import Recorder

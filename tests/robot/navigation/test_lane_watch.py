@@ -15,7 +15,7 @@ from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.messages import Telemetry
-from robot.navigation.lane_watch import LaneWatch
+from robot.navigation.road_watch import LaneWatch
 from robot.runtime.reports import Reporter
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.governors import Rules
