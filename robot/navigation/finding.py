@@ -13,8 +13,7 @@ import numpy as np
 from robot.geometry import Pose
 from robot.navigation.planner import LaneGraph
 from robot.navigation.sight_fix import SightFix
-from robot.navigation.way_on import On, WayOn
-from robot.navigation.whereabouts import Whereabouts
+from robot.navigation.whereabouts import On, WayOn, Whereabouts
 from robot.vision.sight import Seen
 
 # 95 % sure of the place, and the deviation of the wheels' scale, with which missions may begin.

@@ -179,9 +179,7 @@ class PoseFusion:
         innovation = measured - state[:, _POSE] - state[:, _ERROR]
         innovation[:, 2] = wrap_angle(innovation[:, 2])
         known = np.isfinite(state[:, 0]) & np.isfinite(since[:, 0])
-        distance = _update(state, covariance, innovation, design, jitter)
-        _mend(covariance)
-        self._bound(state, covariance)
+        distance = self._update(state, covariance, innovation, design, jitter)
         taken = lost | (fresh & known & (distance < self.config.gate))
         # Who was lost is where it was measured, with that error. What it learned of its wheels led
         # it astray, or to nothing: it begins anew, too.
@@ -208,9 +206,7 @@ class PoseFusion:
         poses = state[:, _POSE]
         innovation, design, noise = compare(poses, since)
         known = np.isfinite(innovation).all(axis=1) & np.isfinite(poses).all(axis=1)
-        distance = _update(state, covariance, innovation, design, noise)
-        _mend(covariance)
-        self._bound(state, covariance)
+        distance = self._update(state, covariance, innovation, design, noise)
         self._take(known & (distance < self.config.gate), state, since, covariance)
         return np.where(known, distance, np.nan)
 
@@ -283,8 +279,26 @@ class PoseFusion:
         self._covariance = change @ self._covariance @ change.transpose(0, 2, 1) + noise
         self._state[:, 6:] *= kept[6:]
 
-    def _bound(self, state: np.ndarray, covariance: np.ndarray) -> None:
-        """Project estimates in place, so that no calibration is beyond its bound."""
+    def _update(
+        self,
+        state: np.ndarray,
+        covariance: np.ndarray,
+        innovation: np.ndarray,
+        design: np.ndarray,
+        noise: np.ndarray,
+    ) -> np.ndarray:
+        """Correct estimates in place, so that no calibration is beyond its bound.
+
+        Gives the squared Mahalanobis distances (N,) of the innovations.
+        """
+        seen = covariance @ design.transpose(0, 2, 1)
+        inverse = np.linalg.inv(design @ seen + noise)
+        gain = seen @ inverse
+        difference = np.nan_to_num(innovation)
+        state += np.einsum("nij,nj->ni", gain, difference)
+        covariance -= gain @ seen.transpose(0, 2, 1)
+        covariance += covariance.transpose(0, 2, 1).copy()  # symmetric, or rounding would grow
+        covariance *= 0.5
         bounds = np.array(self.config.bounds)
         for number, bound in zip((_FORWARD, _TURN, _DRIFT), bounds):
             excess = state[:, number] - np.clip(state[:, number], -bound, bound)
@@ -292,26 +306,4 @@ class PoseFusion:
                 share = covariance[:, :, number] / covariance[:, number, number, None]
                 state -= share * excess[:, None]
         state[:, _CALIBRATION] = np.clip(state[:, _CALIBRATION], -bounds, bounds)
-
-
-def _mend(covariance: np.ndarray) -> None:
-    """Make it symmetric in place, or rounding would grow from update to update."""
-    covariance += covariance.transpose(0, 2, 1).copy()
-    covariance *= 0.5
-
-
-def _update(
-    state: np.ndarray,
-    covariance: np.ndarray,
-    innovation: np.ndarray,
-    design: np.ndarray,
-    noise: np.ndarray,
-) -> np.ndarray:
-    """Correct estimates in place; the squared Mahalanobis distances (N,) of the innovations."""
-    seen = covariance @ design.transpose(0, 2, 1)
-    inverse = np.linalg.inv(design @ seen + noise)
-    gain = seen @ inverse
-    difference = np.nan_to_num(innovation)
-    state += np.einsum("nij,nj->ni", gain, difference)
-    covariance -= gain @ seen.transpose(0, 2, 1)
-    return np.einsum("ni,nij,nj->n", difference, inverse, difference)
+        return np.einsum("ni,nij,nj->n", difference, inverse, difference)

@@ -37,7 +37,7 @@ from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch
 from robot.navigation.sight_fix import SightFix
 from robot.navigation.way_check import WayCheck
-from robot.navigation.way_on import On
+from robot.navigation.whereabouts import On
 from robot.parts import Guidance, Tick
 from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import State
@@ -217,8 +217,7 @@ class MissionNavigator:
             duplicate_publisher=self._gate.stream.conflict(now_s),
         )
         if pose is not None and self._path is not None and self.status is not None:
-            way = self._follow(guidance, self._path, pose, self.status)
-            return way._replace(ahead=self._ahead(now_s, self._path, pose))
+            return self._follow(guidance, self._path, pose, self.status, now_s)
         on = self._finding.on(now_s, self._driving) if self.searches and self._finding else None
         return guidance if on is None else self._drive_on(guidance, on, now_s)
 
@@ -245,7 +244,7 @@ class MissionNavigator:
         )
 
     def _follow(
-        self, guidance: Guidance, path: Path, pose: Pose, status: MissionStatus
+        self, guidance: Guidance, path: Path, pose: Pose, status: MissionStatus, now_s: float
     ) -> Guidance:
         at = path.project(pose.x_m, pose.y_m, self._hint)
         self._hint = at.index
@@ -262,11 +261,17 @@ class MissionNavigator:
         detour = self._detour(pose, status) if astray and not turned else None
         if detour is not None:
             told = f"missed a turn; detour {self._detours} of at most {DETOURS}"
-            return self._follow(guidance, detour, pose, replace(status, reason=told))
+            return self._follow(guidance, detour, pose, replace(status, reason=told), now_s)
+        ahead = RoadAhead()
+        if self._watch is not None:
+            place = pose, float(self._fusion.certainty[0, 0])
+            way_m = path.batch.points_at(at.arc_m + AHEAD_M[None])[0]
+            ahead = self._watch.look(now_s, self._driven_m, place, way_m)
         return guidance._replace(
             path=path_input(path, pose, at.index),
             arrived=arrived,
             off_path=astray or turned,
+            ahead=ahead,
         )
 
     def _lost(self, at: PathPosition, pose: Pose) -> Tuple[bool, bool]:
@@ -337,11 +342,3 @@ class MissionNavigator:
             self._finding.see(seen, taken_s)
         if self._watch is not None:
             self._watch.saw(seen, self._driven_m, taken_s)
-
-    def _ahead(self, now_s: float, path: Path, pose: Pose) -> RoadAhead:
-        if self._watch is None:
-            return RoadAhead()
-        arc_m = path.project(pose.x_m, pose.y_m, self._hint).arc_m
-        place = pose, float(self._fusion.certainty[0, 0])
-        way_m = path.batch.points_at(arc_m + AHEAD_M[None])[0]
-        return self._watch.look(now_s, self._driven_m, place, way_m)

@@ -167,7 +167,12 @@ class PathBatch:
             ends = (index[todo] == 0) | (index[todo] == self._counts[paths[todo]] - 1)
             may_go_on = self._closed[paths[todo]] | ~ends
             todo = todo[((best == 0) | (best == 2 * _REACH)) & may_go_on]
-        return self._positions(xy_m, paths, index, fraction)
+        segment = self._segments[paths, index]
+        vector, delta = segment[:, _DX:_INVERSE], xy_m - segment[:, _X:_DX]
+        cross = vector[:, 0] * delta[:, 1] - vector[:, 1] * delta[:, 0]
+        arc_m = (index + fraction) * self._steps_m[paths]
+        offset_m = cross * np.sqrt(segment[:, _INVERSE])
+        return PathPosition(index, arc_m, offset_m, self._heading(segment, fraction))
 
     def points_at(self, arc_m: np.ndarray) -> np.ndarray:
         """Points (N, K, 2) at arc lengths (N, K) [m]; an open path goes on straight at its ends."""
@@ -221,17 +226,6 @@ class PathBatch:
         delta = delta - along[..., None] * vector
         best = (delta[..., 0] ** 2 + delta[..., 1] ** 2).argmin(axis=1)
         return best, along[np.arange(len(best)), best]
-
-    def _positions(
-        self, xy_m: np.ndarray, paths: np.ndarray, index: np.ndarray, fraction: np.ndarray
-    ) -> PathPosition:
-        segment = self._segments[paths, index]
-        vector = segment[:, _DX:_INVERSE]
-        delta = xy_m - segment[:, _X:_DX]
-        cross = vector[:, 0] * delta[:, 1] - vector[:, 1] * delta[:, 0]
-        arc_m = (index + fraction) * self._steps_m[paths]
-        offset_m = cross * np.sqrt(segment[:, _INVERSE])
-        return PathPosition(index, arc_m, offset_m, self._heading(segment, fraction))
 
     def _locate(self, paths: np.ndarray, arc_m: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Segment and fraction along it (outside 0 to 1 beyond an open path) of arc lengths."""

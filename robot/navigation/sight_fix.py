@@ -8,7 +8,7 @@ from one picture to the next are worth: (1 + r) / (1 - r) (Bartlett 1935, for th
 from __future__ import annotations
 
 import math
-from typing import Sequence, Tuple
+from typing import Iterator, Sequence, Tuple
 
 import numpy as np
 
@@ -89,15 +89,12 @@ class SightFix:
                 noise[i] = _WIDER * (seen.deviations[i, 3] ** 2 + _LEAST[3] ** 2)
         return innovation, design, noise
 
-    def _roads(self, asked: np.ndarray, poses: np.ndarray) -> Sequence[Tuple[int, LaneAhead]]:
+    def _roads(self, asked: np.ndarray, poses: np.ndarray) -> Iterator[Tuple[int, LaneAhead]]:
         """The roads before those who are asked, where the map has one."""
-        found = []
         for i in np.flatnonzero(asked & np.isfinite(poses[:, 0])).tolist():
             road = self.views[i].at(*poses[i].tolist())
-            if road is None or (road.in_junction and abs(road.heading_rad) > _ASKEW_RAD):
-                continue
-            found.append((i, road))
-        return found
+            if road is not None and not (road.in_junction and abs(road.heading_rad) > _ASKEW_RAD):
+                yield i, road
 
 
 def _directions(road: LaneAhead) -> Tuple[np.ndarray, np.ndarray]:

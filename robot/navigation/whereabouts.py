@@ -10,16 +10,17 @@ on the map, but the road there is as the one that is seen: along that the robot 
 from __future__ import annotations
 
 import math
-from typing import List, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from robot.errors import PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
 from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneAhead, LaneView
-from robot.navigation.planner import LaneGraph
+from robot.navigation.path import Path, PathPosition
+from robot.navigation.planner import LaneGraph, path_on
 from robot.navigation.sight_fix import ROAD, SightFix
-from robot.navigation.way_on import On, WayOn
 from robot.vision.sight import Seen
 
 _APART_M = 0.2  # between hypotheses on a lane, at first
@@ -42,10 +43,50 @@ _JUNCTIONS = 3  # that it crosses by itself, at most,
 _FARTHEST_M = 15.0  # in so much driving
 _NOW = 4.0  # what the newest picture counts, when one is chosen to drive on by
 _BETTER = 4.0  # than the one of before
+_SEEN_S = 1.0  # a lane counts as seen for so long: over the middle of a junction
+_SHOWN_M, _LEFT_M = 1.2, 0.6  # of the way when it is laid, and before it is laid anew
 _LOOKING = FusionConfig(sight=True, seen_line=1e-3)  # red lines tell the place, not the camera
 
 # The place that is left: pose, and deviations of x [m], y [m] and heading [rad].
 Place = Tuple[Pose, Tuple[float, float, float]]
+
+
+class On(NamedTuple):
+    """A way on, and where a robot is on it."""
+
+    path: Path
+    pose: Pose
+    at: PathPosition
+    seen: bool  # whether pictures showed a lane there of late
+
+
+class WayOn:
+    """The way on of one robot on the map of a graph, laid anew before it ends."""
+
+    def __init__(self, graph: LaneGraph) -> None:
+        self._graph = graph
+        self._path: Optional[Path] = None
+
+    def lay(self, pose: Pose) -> bool:
+        """Anew, from a pose on; False, and none, off the road."""
+        try:
+            self._path = path_on(self._graph, pose, _SHOWN_M)
+        except PlanError:
+            self._path = None
+        return self._path is not None
+
+    def on(self, fix: SightFix, now_s: float, robot: int = 0) -> Optional[On]:
+        """The way of a robot whose place a filter knows; None off the road."""
+        pose = Pose(*fix.fusion.poses[robot].tolist())
+        if self._path is None and not self.lay(pose):
+            return None
+        assert self._path is not None
+        at = self._path.project(pose.x_m, pose.y_m)
+        if self._path.length_m - at.arc_m < _LEFT_M and self.lay(pose):
+            at = self._path.project(pose.x_m, pose.y_m)
+        if self._path is None:
+            return None
+        return On(self._path, pose, at, now_s - float(fix.took_s[robot]) <= _SEEN_S)
 
 
 class Whereabouts:
@@ -113,7 +154,10 @@ class Whereabouts:
         if self._leader is not None:
             group[self._leader] = True
         asked = np.flatnonzero(group)
-        self._told[asked] = self._weigh(seen, asked)
+        poses, within_m = self._fusion.poses, self._fusion.certainty[:, 0]
+        for i in asked.tolist():
+            road = self._view.at(*poses[i].tolist())
+            self._told[i] = _likely(seen, road, 0.5 * float(within_m[i]))
         self._weights[turn] += _SHARE * self._told[turn]
         if not stands:
             self._lead()
@@ -128,12 +172,6 @@ class Whereabouts:
             return ()  # not all have looked yet
         self._turn, self._looked_m = 0, self._driven_m
         return self._left()
-
-    def _weigh(self, seen: Seen, asked: np.ndarray) -> np.ndarray:
-        """The logarithm of how likely a picture is for each of these hypotheses."""
-        poses, deviations_m = self._fusion.poses, 0.5 * self._fusion.certainty[:, 0]
-        roads = [self._view.at(*poses[i].tolist()) for i in asked.tolist()]
-        return np.array([_likely(seen, r, float(deviations_m[i])) for r, i in zip(roads, asked)])
 
     def _lead(self) -> None:
         """By the one that explains best what is seen now; across a junction as it was begun."""
