@@ -172,48 +172,38 @@ def copy(
     """Write a recording again, or over itself; the number of its messages.
 
     ``keeps`` says of a message's topic and time since 1970 [s] whether it stays; ``notes`` take
-    the place of what has their names. OSError: the disk is full.
+    the place of what has their names; everything else that is not an index goes along. OSError: the
+    disk is full.
     """
+    from mcap.records import Attachment, Channel, Message, Metadata, Schema
     from mcap.writer import Writer
 
     next(records(source), None)  # refuses another kind of file before anything is written
-    with atomically(Path(target)) as hidden, hidden.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="", library="duckpilot")
-        count = _copy(records(source), writer, keeps, notes)
-        for name, facts in notes.items():
-            writer.add_metadata(name, facts or {"messages": str(count)})
-        writer.finish()
-    return count
-
-
-def _copy(source: Iterator[Any], writer: Any, keeps: Any, notes: Any) -> int:
-    """Messages copied; everything else that is not an index goes along."""
-    from mcap.records import Attachment, Channel, Message, Metadata, Schema
-
     schemas: Dict[int, int] = {}
     channels: Dict[int, Tuple[int, str]] = {}
     count = 0
-    for record in source:
-        if isinstance(record, Schema) and record.id not in schemas:
-            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel) and record.id not in channels:
-            schema = schemas.get(record.schema_id, 0)
-            number = writer.register_channel(record.topic, record.message_encoding, schema)
-            channels[record.id] = number, record.topic
-        elif isinstance(record, Message) and record.channel_id in channels:
-            number, topic = channels[record.channel_id]
-            if keeps(topic, record.log_time / topics.NS):
-                times = (record.log_time, record.data, record.publish_time, record.sequence)
-                writer.add_message(number, *times)
-                count += 1
-        elif isinstance(record, Metadata) and record.name not in notes:
-            writer.add_metadata(record.name, record.metadata)
-        elif isinstance(record, Attachment):
-            writer.add_attachment(
-                *(record.create_time, record.log_time, record.name),
-                *(record.media_type, record.data),
-            )
+    with atomically(Path(target)) as hidden, hidden.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="", library="duckpilot")
+        for r in records(source):
+            if isinstance(r, Schema) and r.id not in schemas:
+                schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
+            elif isinstance(r, Channel) and r.id not in channels:
+                schema = schemas.get(r.schema_id, 0)
+                number = writer.register_channel(r.topic, r.message_encoding, schema)
+                channels[r.id] = number, r.topic
+            elif isinstance(r, Message) and r.channel_id in channels:
+                number, topic = channels[r.channel_id]
+                if keeps(topic, r.log_time / topics.NS):
+                    writer.add_message(number, r.log_time, r.data, r.publish_time, r.sequence)
+                    count += 1
+            elif isinstance(r, Metadata) and r.name not in notes:
+                writer.add_metadata(r.name, r.metadata)
+            elif isinstance(r, Attachment):
+                writer.add_attachment(r.create_time, r.log_time, r.name, r.media_type, r.data)
+        for name, facts in notes.items():
+            writer.add_metadata(name, facts or {"messages": str(count)})
+        writer.finish()
     return count
 
 
