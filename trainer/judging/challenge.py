@@ -21,12 +21,10 @@ from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
 from trainer.judging import evaluate
 from trainer.judging.cli import JudgeOptions
-from trainer.judging.drivers import Driver, Expert, Pilot
+from trainer.judging.drivers import Driver, Expert, Governed, Pilot, Sighted
 from trainer.judging.evaluate import open_policy
 from trainer.judging.films import Scene
-from trainer.judging.governed import Governed
 from trainer.judging.olympics import SURVIVED, Episode, LaneRules, longest_wait_s
-from trainer.judging.sighted import Sighted
 from trainer.sight.cli import SHIPPED
 
 BARE = "bare"

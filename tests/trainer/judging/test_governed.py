@@ -15,8 +15,7 @@ from sim_pybullet.batch import BatchWorld
 from sim_pybullet.motors import expert_actions
 from sim_pybullet.randomise import load_look_sampler
 from trainer.judging.challenge import Episode, drive
-from trainer.judging.drivers import Driver, Expert, Pilot
-from trainer.judging.governed import Governed
+from trainer.judging.drivers import Driver, Expert, Governed, Pilot
 
 
 class Heedless(Expert):

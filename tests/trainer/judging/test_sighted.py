@@ -22,8 +22,7 @@ from tests.robot.navigation.test_way_seen import picture
 from tests.trainer.judging.test_governed import Heedless
 from trainer.judging.challenge import Episode, drive
 from trainer.judging.cli import JudgeOptions, judge_command
-from trainer.judging.drivers import Driver, Pilot
-from trainer.judging.sighted import Sighted
+from trainer.judging.drivers import Driver, Pilot, Sighted
 from trainer.sight.cli import SHIPPED
 
 POLICY: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0, frames=1))
