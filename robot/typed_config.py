@@ -23,6 +23,8 @@ T = TypeVar("T")
 MOST_YAML_BYTES = 4_000_000
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = 80
+# Resolving the annotations takes longer than all the rest, and messages come often.
+_type_hints = functools.lru_cache(maxsize=None)(typing.get_type_hints)
 shown = _short.repr  # whatever it is: a few lines of YAML with aliases may stand for gigabytes
 
 
@@ -102,10 +104,6 @@ def read_json(path: Path) -> Dict[str, Any]:
     if not isinstance(found, dict):
         raise ConfigError(f"{path}: expected an object of figures, got {type(found).__name__}")
     return found
-
-
-# Resolving the annotations takes longer than all the rest, and messages come often.
-_type_hints = functools.lru_cache(maxsize=None)(typing.get_type_hints)
 
 
 def _convert(kind: Any, value: Any, label: str) -> Any:

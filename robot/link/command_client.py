@@ -27,8 +27,7 @@ class CommandClient:
         self._link = link
         self._clock = clock
         self._connected_s = clock()
-        self._robot_session = UNSENT
-        self._robot_time_s = 0.0
+        self._echo = UNSENT, 0.0  # the robot's session, and its time [s] when it last answered
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._pending: Dict[str, Tuple[Command, float]] = {}  # unanswered, and when it was sent
@@ -41,8 +40,7 @@ class CommandClient:
         for pending, _ in self._pending.values():
             if kind == pending.kind == "stop":
                 return pending.id
-        echo = (self._robot_session, self._robot_time_s)
-        command = Command(secrets.token_hex(8), self.session, kind, mission, wheels, *echo)
+        command = Command(secrets.token_hex(8), self.session, kind, mission, wheels, *self._echo)
         self._transmit(command)
         if kind != "beat":
             self._pending[command.id] = (command, self._clock())
@@ -86,7 +84,7 @@ class CommandClient:
                 self.refused += 1
                 continue
             self._heard_s = now_s
-            self._robot_session, self._robot_time_s = ack.robot_session, ack.robot_time_s
+            self._echo = ack.robot_session, ack.robot_time_s
             if self._pending.pop(ack.id, None) is not None:
                 acks.append(ack)
 

@@ -50,7 +50,12 @@ class Message(Checked):
         """What ``to_bytes`` wrote; ContractError for anything else, or a value out of range."""
         name = cls.KIND
         require_size(f"{name} message", data, cls.LIMIT_BYTES)
-        fields = _parse(name, data)
+        try:
+            fields = json.loads(data.decode("utf-8"), object_pairs_hook=_unique)
+        except (ValueError, RecursionError) as error:
+            raise ContractError(f"{name} message: expected JSON, got: {error}") from error
+        if not isinstance(fields, dict):
+            raise ContractError(f"{name} message: expected an object, got {shown(fields)}")
         for key, expected in (("schema", SCHEMA), ("message", name)):
             got = fields.pop(key, None)
             if got != expected or isinstance(got, bool):
@@ -127,16 +132,6 @@ def tidy_text(text: str, limit_bytes: int) -> str:
 def plain(value: Any) -> Any:
     """A message as dicts, lists and scalars for JSON; numbers keep six decimals."""
     return to_plain(value, DECIMALS)
-
-
-def _parse(name: str, data: bytes) -> Dict[str, Any]:
-    try:
-        fields = json.loads(data.decode("utf-8"), object_pairs_hook=_unique)
-    except (ValueError, RecursionError) as error:
-        raise ContractError(f"{name} message: expected JSON, got: {error}") from error
-    if not isinstance(fields, dict):
-        raise ContractError(f"{name} message: expected an object, got {shown(fields)}")
-    return fields
 
 
 def _unique(pairs: List[Tuple[str, Any]]) -> Dict[str, Any]:
