@@ -112,9 +112,6 @@ class Calibration:
     def __post_init__(self) -> None:
         if len(self.roi_px) in (1, 2):
             raise ConfigError(f"roi_px: expected none or at least 3 corners, got {self.roi_px}")
-        self._check_robots()
-
-    def _check_robots(self) -> None:
         for name in (self.board_colour, *(r.front for r in self.robots if r.kind == "two_colour")):
             self.colour(name)
         plain = [m.robot for m in self.robots if m.kind == "plain"]

@@ -6,7 +6,7 @@ Colours are (r, g, b) in 0..255. A Look is read from and written to YAML; random
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Literal, get_type_hints
 
 from robot.contract import FRAME_WIDTH_PX
 from robot.errors import ConfigError
@@ -204,15 +204,12 @@ def look_from_plain(data: object, where: str = "look") -> Look:
         ConfigError: it does not fit, or is beyond its limits.
     """
     look = from_plain(Look, data, where=where)
-    for group in get_type_hints(Look):
-        _refuse_impossible(getattr(look, group), f"look.{group}")
+    for name in get_type_hints(Look):
+        group = getattr(look, name)
+        for leaf, kind in get_type_hints(type(group), include_extras=True).items():
+            value, (low, high) = getattr(group, leaf), getattr(kind, "__metadata__", [_ANY])[0]
+            for number in value if isinstance(value, tuple) else (value,):
+                if not isinstance(number, str) and not low <= number <= high:
+                    expected = f"expected {low:g} to {high:g}, got {number:g}"
+                    raise ConfigError(f"look.{name}.{leaf}: {expected}")
     return look
-
-
-def _refuse_impossible(group: Any, where: str) -> None:
-    """ConfigError where a number is not finite, or outside the limits of its kind."""
-    for leaf, kind in get_type_hints(type(group), include_extras=True).items():
-        value, (low, high) = getattr(group, leaf), getattr(kind, "__metadata__", [_ANY])[0]
-        for number in value if isinstance(value, tuple) else (value,):
-            if not isinstance(number, str) and not low <= number <= high:
-                raise ConfigError(f"{where}.{leaf}: expected {low:g} to {high:g}, got {number:g}")

@@ -35,15 +35,20 @@ def paint_track(track: Track, look: Look) -> Ground:
     bend = np.abs(line.curvature) * SCALE > 1.0 / KERB_RADIUS_M
     around = range(-KERB_BEFORE_M, KERB_BEFORE_M + 1)
     bends = np.asarray(np.stack([np.roll(bend, k) for k in around]).any(axis=0))
-    ground = look.ground
+    ground, marks, wide = look.ground, look.track, look.ground.line_width_scale
+    grounds = (ground.asphalt_rgb, marks.grass_rgb, ground.outside_rgb)
+    paints = (marks.kerb_rgb, marks.kerb_2_rgb, ground.white_rgb, ground.yellow_rgb)
+    real_m = (LINE_M * wide, KERB_M, STONE_M, CENTRE_LINE_M * wide, marks.dashes_m)
+    sizes_m = (line.half_width_m, line.verge_m, *(SCALE * size_m for size_m in real_m))
+    spacing_m = line.path.length_m / len(line.curvature)
     noise = surface_noise(ground.texture_seed)
     height, width = (math.ceil(side * texel_m / _PATCH_M) + 1 for side in offset_m.shape)
     rgb, classes = lay(
         offset_m,
         arc_m,
         bends,
-        _colours(look),
-        _sizes(line, look, texel_m),
+        np.array((*grounds, *paints), np.float32),
+        np.array((*sizes_m, marks.centre_line, spacing_m, texel_m)),
         noise.grain * np.float32(ground.grain),
         paint_left(noise, ground),
         soft_light((height, width), offset_m.shape, ground),
@@ -64,31 +69,6 @@ def track_field(track: Track) -> tuple[np.ndarray, np.ndarray, float]:
     reach_m = line.half_width_m + line.verge_m + SPACING_M * SCALE
     offset_m, arc_m = locate(points, shape, shape[0] * texel_m, texel_m, reach_m)
     return offset_m, arc_m, texel_m
-
-
-def _colours(look: Look) -> np.ndarray:
-    ground, track = look.ground, look.track
-    return np.array(
-        [
-            ground.asphalt_rgb,
-            track.grass_rgb,
-            ground.outside_rgb,
-            track.kerb_rgb,
-            track.kerb_2_rgb,
-            ground.white_rgb,
-            ground.yellow_rgb,
-        ],
-        np.float32,
-    )
-
-
-def _sizes(line: CentreLine, look: Look, texel_m: float) -> np.ndarray:
-    """See `sim_pybullet.racing.track_ground.lay`; all lengths in metres of the world."""
-    wide = look.ground.line_width_scale
-    real = (LINE_M * wide, KERB_M, STONE_M, CENTRE_LINE_M * wide, look.track.dashes_m)
-    road = (line.half_width_m, line.verge_m, *(SCALE * value for value in real))
-    spacing = line.path.length_m / len(line.curvature)
-    return np.array((*road, spacing, texel_m))
 
 
 def track_walls(track: Track, look: Look) -> tuple[Solid, ...]:
