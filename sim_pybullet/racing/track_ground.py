@@ -48,7 +48,7 @@ def paint_track(track: Track, look: Look) -> Ground:
         arc_m,
         bends,
         np.array((*grounds, *paints), np.float32),
-        np.array((*sizes_m, marks.centre_line, spacing_m, texel_m)),
+        np.array((*sizes_m, spacing_m, texel_m)),
         noise.grain * np.float32(ground.grain),
         paint_left(noise, ground),
         soft_light((height, width), offset_m.shape, ground),
