@@ -89,15 +89,11 @@ class ClutterLook:
 
 
 @dataclass(frozen=True)
-class CameraLook:
-    """How this robot's camera differs from the nominal one."""
+class CameraLook(Mount):
+    """How this robot's camera is mounted, and how its lens differs from the nominal one."""
 
-    height_m: Annotated[float, (0.01, 2.0)] = 0.108
-    forward_m: float = 0.066
-    left_m: float = 0.0
-    pitch_rad: Annotated[float, (-0.5 * math.pi, 0.5 * math.pi)] = math.radians(19.15)
-    yaw_rad: float = 0.0
-    roll_rad: float = 0.0
+    height_m: Annotated[float, (0.01, 2.0)] = Mount.height_m
+    pitch_rad: Annotated[float, (-0.5 * math.pi, 0.5 * math.pi)] = Mount.pitch_rad
     focal_scale: Annotated[float, (0.2, 5.0)] = 1.0  # below 1 it sees more
     distortion_scale: Annotated[float, (-2.0, 2.0)] = 1.0
     centre_right_px: float = 0.0  # the lens's axis from the nominal one, in a 160 px wide frame
@@ -178,8 +174,7 @@ class Look:
             cy_px=lens.cy_px + c.centre_down_px * lens.width_px / FRAME_WIDTH_PX,
             distortion=tuple(k * c.distortion_scale for k in lens.distortion),
         )
-        mount = Mount(c.height_m, c.forward_m, c.left_m, c.pitch_rad, c.yaw_rad, c.roll_rad)
-        return CameraRig(changed, mount)
+        return CameraRig(changed, c)
 
 
 NOMINAL = Look()
