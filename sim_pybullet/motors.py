@@ -115,21 +115,22 @@ _CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION
 
 
 class WheeledRobots(MotorModel):
-    """The project's robots, with five actions, each a pair of wheel speeds, and their motors.
+    """The project's robots, whose actions are pairs of wheel speeds, and their motors.
 
     A task may have other vehicles, such as `sim_pybullet.tasks.track_racing.RacingCars`: they have
     actions, each as two numbers, and ``counted``, ``reset``, ``step`` and ``expert`` as these.
     """
 
-    actions: ActionTable = FIVE_ACTIONS
+    def __init__(self, n_robots: int, actions: ActionTable = FIVE_ACTIONS) -> None:
+        super().__init__(n_robots)
+        self.actions, self._table = actions, np.array(actions)
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """The ``twists`` after one more step under actions (N,), or any pairs (N, 2) from -1 to 1.
 
         Pairs are rim speeds as shares of the greatest of our actions.
         """
-        table = np.array(self.actions)
-        speeds = table[actions] if actions.ndim == 1 else MAX_WHEEL_MPS * actions
+        speeds = self._table[actions] if actions.ndim == 1 else MAX_WHEEL_MPS * actions
         return super().step(speeds, rng)
 
     def expert(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot.contract import ACTION_TWISTS, CONTROL_DT_S, Action
+from robot.contract import ACTION_TWISTS, CONTROL_DT_S, FIVE_ACTIONS, Action, ActionTable
 from robot.geometry import Pose
 from robot.navigation.map_objects import blocked
 from robot.navigation.path import Path
@@ -40,7 +40,7 @@ class Following(Task):
     """
 
     term_names: tuple[str, ...] = ("offset", "alignment")
-    robots: type[WheeledRobots] = WheeledRobots
+    actions: ActionTable = FIVE_ACTIONS
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class Following(Task):
         self._ways = ways
         self._blocked_m = [blocked(road_map).points_m for road_map in road_maps]
         half_lanes_m = HALF_LANE_TILES * np.array([m.tile_size_m for m in road_maps])
-        vehicle = self.robots(n_robots)
+        vehicle = WheeledRobots(n_robots, self.actions)
         super().__init__(road_maps, vehicle, n_robots, half_lanes_m, ways[0][0], start_spread)
 
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:

@@ -8,7 +8,7 @@ import numpy as np
 from robot.contract import CONTROL_DT_S, FIVE_ACTIONS, Action, ActionTable
 from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.motors import WheeledRobots, expert_actions
+from sim_pybullet.motors import expert_actions
 from sim_pybullet.tasks.following import NOMINAL_STEP_M, Following, following_terms
 from sim_pybullet.tasks.spec import Choices, TaskSpec, TaskStep, expect_some, register
 from sim_pybullet.traffic.ahead import behind
@@ -20,18 +20,13 @@ from sim_pybullet.traffic.streets import Streets
 EPISODE_S = 60.0
 SLOW, STOP = len(FIVE_ACTIONS), len(FIVE_ACTIONS) + 1
 SLOW_MPS = 0.12
+# With two more: slow, straight on, and stop.
 TRAFFIC_ACTIONS: ActionTable = (*FIVE_ACTIONS, (SLOW_MPS, SLOW_MPS), (0.0, 0.0))
 FEWEST_TILES = 3.0  # who has not driven so far has not done what was asked
 _NEAR_M = 0.3  # nearer than that to what is ahead one should not drive
 _HEADWAY_S = 0.8  # of the expert
 _LOOKAHEAD_M = 0.1  # nearer than elsewhere: within 3 cm of the middle, so that two can pass
 _PENALTY = 20.0
-
-
-class TrafficRobots(WheeledRobots):
-    """The project's robot with two more actions: slow, straight on, and stop."""
-
-    actions: ActionTable = TRAFFIC_ACTIONS
 
 
 class Traffic(Following):
@@ -55,7 +50,7 @@ class Traffic(Following):
     """
 
     frames = 3
-    robots = TrafficRobots
+    actions = TRAFFIC_ACTIONS
     episode_s = EPISODE_S
     term_names: tuple[str, ...] = ("offset", "alignment", "nearness", "collision")
     fact_names: tuple[str, ...] = ("tiles", "hit", "at_fault", "free_m", "least_ttc_s")
