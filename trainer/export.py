@@ -90,7 +90,7 @@ def _export_weights(
         image=config.image,
         path_points=spec.path_points,
         actions=spec.actions,
-        frames=spec.frames,
+        frames=spec.kind.frames,
         run=folder.name,
         trained_steps=best.step if best else 0,
         score=best.success_rate if best else None,

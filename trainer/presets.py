@@ -59,7 +59,7 @@ def _by_both(run: RunConfig, of_task: str, of_algorithm: str) -> RunConfig:
 def _paper(run: RunConfig) -> Changes:
     learn = {}
     if hasattr(run.learn, "buffer"):
-        learn = {"buffer": 20_000 // find_task(run.task).frames}  # 58 kB each, kept twice
+        learn = {"buffer": 20_000 // find_task(run.task).kind.frames}  # 58 kB each, kept twice
     whole = {"image": WHOLE_FRAME, "net": _PAPER_NET, "learn": learn}
     return {**whole, "steps": 2_000_000, "device": "auto"}
 

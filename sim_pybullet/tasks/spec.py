@@ -277,11 +277,6 @@ class TaskSpec:
         """Whether the project's robot carries out its actions."""
         return self.actions[: len(FIVE_ACTIONS)] == FIVE_ACTIONS
 
-    @property
-    def frames(self) -> int:
-        """How many of the last pictures a policy gets."""
-        return self.kind.frames
-
     def build(self, places: Sequence[Place], robots: int, chosen: Choices = Choices()) -> Task:
         """The task for so many robots.
 

@@ -277,7 +277,7 @@ def test_a_pose_says_which_of_both_lanes() -> None:
 def test_what_lane_keeping_is_to_others() -> None:
     spec = find_task("lane")
     assert (spec.map, spec.lanes, spec.styles) == ("loop", ("outer", "inner", "both"), ())
-    assert (spec.path_points, spec.frames, spec.painted, spec.scale) == (0, 1, 48, 1.0)
+    assert (spec.path_points, spec.kind.frames, spec.painted, spec.scale) == (0, 1, 48, 1.0)
     assert (spec.counts_laps, spec.learned, len(spec.actions)) == (True, True, 5)
     assert spec.presets == {"paper": {"net": {"image_fc": 512}}}
     assert spec.environments == {

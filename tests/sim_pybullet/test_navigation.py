@@ -215,7 +215,7 @@ def test_a_mission_from_a_place_begins_there() -> None:
 
 def test_what_navigation_is_to_others() -> None:
     spec = find_task("navigation")
-    assert (spec.map, spec.painted, spec.path_points, spec.frames) == ("arena", 144, 10, 1)
+    assert (spec.map, spec.painted, spec.path_points, spec.kind.frames) == ("arena", 144, 10, 1)
     assert (spec.learned, spec.counts_laps, spec.lanes) == (True, False, ())
     evaluation = {"episodes": 60, "rounds": 3, "every_steps": 8_000, "every_share": 0.25}
     fast = {"steps": 24_000, "start_spread": 4.0, "rate_left": 0.03}

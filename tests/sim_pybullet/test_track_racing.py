@@ -276,7 +276,7 @@ def test_a_car_that_is_put_down_begins_at_rest() -> None:
 def test_what_racing_is_to_others() -> None:
     spec = find_task("track")
     assert (spec.map, spec.styles, spec.lanes) == ("forest", ("race", "cruise"), ())
-    assert (spec.painted, spec.scale, spec.frames, spec.path_points) == (12, 0.05, 4, 0)
+    assert (spec.painted, spec.scale, spec.kind.frames, spec.path_points) == (12, 0.05, 4, 0)
     assert (spec.counts_laps, spec.learned) == (True, True)
     assert STYLES["race"] == Style(1.0, 0.0, 25.0)
     assert STYLES["cruise"] == Style(0.0, 0.002, 8.4)

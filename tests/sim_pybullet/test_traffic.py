@@ -39,7 +39,7 @@ def test_its_actions_are_the_five_slow_and_stop() -> None:
     assert len(spec.actions) == 7
     assert spec.actions[SLOW] == (0.12, 0.12)
     assert spec.actions[STOP] == (0.0, 0.0)
-    assert spec.frames == 3
+    assert spec.kind.frames == 3
 
 
 def test_standing_still_earns_nothing() -> None:

@@ -84,7 +84,7 @@ def observation_space(config: RunConfig) -> spaces.Space:
     """What the policy of this run sees."""
     height, width, channels = config.image.shape
     spec = find_task(config.task)
-    image = spaces.Box(0, 255, (height, width, channels * spec.frames), np.uint8)
+    image = spaces.Box(0, 255, (height, width, channels * spec.kind.frames), np.uint8)
     if not spec.path_points:
         return image
     path = spaces.Box(-1.0, 1.0, (spec.path_points,), np.float32)
