@@ -31,19 +31,6 @@ class BridgeState(Enum):
     STOP = "high impedance: the current flows back into the supply and is gone soon"
 
 
-H, L = True, False
-# "H-SW Control Function" of Toshiba's data sheet: IN1, IN2, PWM -> outputs, with STBY high as on
-# the boards. The sheet lists two low inputs with PWM high only; no transistor conducts.
-H_SW_CONTROL = {
-    (H, H, H): BridgeState.SHORT_BRAKE,
-    (H, H, L): BridgeState.SHORT_BRAKE,
-    (L, H, H): BridgeState.CCW,
-    (L, H, L): BridgeState.SHORT_BRAKE,
-    (H, L, H): BridgeState.CW,
-    (H, L, L): BridgeState.SHORT_BRAKE,
-    (L, L, H): BridgeState.STOP,
-    (L, L, L): BridgeState.STOP,
-}
 PULL = {BridgeState.CW: 1.0, BridgeState.CCW: -1.0, BridgeState.SHORT_BRAKE: 0.0}
 PERIODS = 400  # until a period repeats itself; a time constant is a handful of periods at most
 REPEATS = 1e-9
@@ -66,10 +53,22 @@ class CoilDrive(NamedTuple):
 RELEASED = CoilDrive(0.0, 0.0)
 
 
+def bridge_state(in1: bool, in2: bool, pwm: bool) -> BridgeState:
+    """What the levels at its inputs make of a bridge, with STBY high as on the boards.
+
+    "H-SW Control Function" of Toshiba's data sheet, which lists two low inputs with PWM high only;
+    no transistor conducts.
+    """
+    if in1 == in2:
+        return BridgeState.SHORT_BRAKE if in1 else BridgeState.STOP
+    driven = BridgeState.CW if in1 else BridgeState.CCW
+    return driven if pwm else BridgeState.SHORT_BRAKE
+
+
 def bridge_spans(outputs: PwmOutputs, in1: int, in2: int, pwm: int) -> tuple[Span, ...]:
     """The PWM period, from the PCA9685 channels wired to IN1, IN2 and PWM."""
     spans = outputs.spans(in1, in2, pwm)
-    return tuple(Span(share, H_SW_CONTROL[levels]) for share, levels in spans)  # type: ignore[index]
+    return tuple(Span(share, bridge_state(*levels)) for share, levels in spans)
 
 
 @lru_cache(maxsize=4096)

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from sim_pybullet.virtual.pca9685_registers import PwmOutputs
 from sim_pybullet.virtual.rotor import (
-    H_SW_CONTROL,
     BridgeState,
     CoilDrive,
     Span,
     bridge_spans,
+    bridge_state,
     coil_drive,
     relax,
 )
@@ -43,11 +43,10 @@ def test_bridge_function_table() -> None:
     L L L stop
     """
     names = {"brake": BRAKE, "ccw": CCW, "cw": CW, "stop": STOP}
-    assert len(H_SW_CONTROL) == 8
     for row in rows.strip().splitlines():
         *levels, name = row.split()
         in1, in2, pwm = (level == "H" for level in levels)
-        assert H_SW_CONTROL[in1, in2, pwm] is names[name], row
+        assert bridge_state(in1, in2, pwm) is names[name], row
 
 
 @given(st.integers(1, 4095))
