@@ -80,10 +80,6 @@ class PwmOutputs(NamedTuple):
             for i, start in enumerate(edges[:-1])
         ]
 
-    def duty(self, channel: int) -> float:
-        """Share of the period that a pin is high."""
-        return self.channels[channel].length / COUNTS
-
 
 AI, SLEEP, ALLCALL = 0x20, 0x10, 0x01  # MODE1, table 5
 OUTDRV = 0x04  # MODE2, table 6

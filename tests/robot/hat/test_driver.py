@@ -13,7 +13,7 @@ from robot.hat.config import HatConfig, MotorConfig
 from robot.hat.driver import HELD_S, WAKE_S
 from robot.hat.stepping import BRAKE_S
 from sim_pybullet.virtual.i2c import BusFault
-from tests.robot.hat.rig import ALL_OFF, Rig, full_step_m, make_rig, speeds
+from tests.robot.hat.rig import ALL_OFF, Rig, duty, full_step_m, make_rig, speeds
 
 START_S = WAKE_S + 0.01
 
@@ -24,7 +24,7 @@ RING = ["1000", "1010", "0010", "0110", "0100", "0101", "0001", "1001"]
 
 def ring_position(rig: Rig, first_channel: int) -> int:
     """Which half step the chip's outputs show; fails when they show none."""
-    duties = [rig.hat.chip.outputs.duty(first_channel + i) for i in range(4)]
+    duties = [duty(rig.hat.chip.outputs, first_channel + i) for i in range(4)]
     return RING.index("".join(f"{duty:g}" for duty in duties))
 
 
@@ -223,7 +223,7 @@ def test_standing_coils_drop_to_hold_and_then_let_go() -> None:
     with rig.driver:
         rig.drive(0.1, 0.1, 1.0)
         rig.come_to_rest()
-        duties = [rig.hat.chip.outputs.duty(channel) for channel in (2, 7, 8, 13)]
+        duties = [duty(rig.hat.chip.outputs, channel) for channel in (2, 7, 8, 13)]
         assert duties == pytest.approx([0.3] * 4, abs=1e-3)
         currents = [abs(c.current) for rotor in rig.hat.rotors for c in rotor.drives if c.current]
         assert currents == pytest.approx([0.3] * len(currents), abs=1e-3)

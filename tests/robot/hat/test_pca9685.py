@@ -12,7 +12,7 @@ from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Output, Pca9685Registers
-from tests.robot.hat.rig import WatchedBus
+from tests.robot.hat.rig import WatchedBus, duty
 
 
 class RealTimeClockChip:
@@ -66,7 +66,7 @@ def test_initialise_silences_a_chip_left_running_and_sets_the_fastest_pwm() -> N
     assert bus.read(0x6F, 0xFE, 1) == b"\x03"
     assert not registers.outputs.any_high
     chip.set_channels(3, [0.5, 1.0])
-    assert [registers.outputs.duty(c) for c in (3, 4, 5)] == [0.5, 1.0, 0.0]
+    assert [duty(registers.outputs, c) for c in (3, 4, 5)] == [0.5, 1.0, 0.0]
 
 
 def test_a_chip_is_off_until_any_output_is_set() -> None:
@@ -133,7 +133,7 @@ def test_the_linux_bus_sends_and_receives_whole_messages(monkeypatch: pytest.Mon
     chip.initialise()
     chip.set_channels(3, [1.0] * 10)
     assert len(KernelBus.devices.log[-1].data) == 41
-    assert [registers.outputs.duty(channel) for channel in (2, 3, 12, 13)] == [0, 1, 1, 0]
+    assert [duty(registers.outputs, channel) for channel in (2, 3, 12, 13)] == [0, 1, 1, 0]
     assert chip.bus.name == "/dev/i2c-1"
 
 

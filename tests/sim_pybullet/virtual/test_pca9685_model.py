@@ -7,6 +7,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
+from tests.robot.hat.rig import duty
 
 channels = st.integers(0, 15)
 levels = st.lists(st.integers(0, 4096), min_size=1, max_size=16)
@@ -88,7 +89,7 @@ class LegalTraffic(RuleBasedStateMachine):
     @invariant()
     def outputs_agree(self) -> None:
         expected = [level / 4096 if self.awake else 0.0 for level in self.levels]
-        assert [self.chip.outputs.duty(channel) for channel in range(16)] == expected
+        assert [duty(self.chip.outputs, channel) for channel in range(16)] == expected
 
 
 LegalTraffic.TestCase.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)

@@ -33,7 +33,7 @@ class Bench:
         self.clock.sleep(500e-6)
 
     def duty(self, channel: int) -> float:
-        return self.chip.outputs.duty(channel)
+        return self.chip.outputs.channels[channel].length / 4096
 
 
 @pytest.fixture
