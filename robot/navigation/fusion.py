@@ -152,8 +152,31 @@ class PoseFusion:
         # of a robot whose place is unknown only the calibration means anything
         displaced = np.nan_to_num(moved[:, :2] - self.poses[:, :2])
         along = np.nan_to_num(self.poses[:, 2] + half)
+        c, s = np.cos(along), np.sin(along)
         elapsed_s = now_s - self._times_s[-1] if self._times_s else 0.0
-        self._predict(forward_m, turn_rad, displaced, along, elapsed_s)
+        config = self.config
+        keep = math.exp(-elapsed_s / config.correlation_s)
+        keep_seen = math.exp(-elapsed_s / config.seen_correlation_s)
+        change = np.zeros_like(self._covariance)  # Jacobian of the new state by the old one
+        kept = np.array((1.0,) * 6 + (keep,) * 3 + (keep_seen,) * 3)[: self._states]
+        change[:, range(self._states), range(self._states)] = kept
+        change[:, 0, 2], change[:, 1, 2] = -displaced[:, 1], displaced[:, 0]
+        change[:, 0, _FORWARD], change[:, 1, _FORWARD] = forward_m * c, forward_m * s
+        for number, steps in ((_TURN, turn_rad), (_DRIFT, forward_m)):
+            change[:, 2, number] = steps
+            change[:, 0, number] = -0.5 * displaced[:, 1] * steps
+            change[:, 1, number] = 0.5 * displaced[:, 0] * steps
+        noise = np.zeros_like(self._covariance)
+        length_m = np.abs(forward_m)
+        variance = config.step_noise**2 * length_m
+        noise[:, 0, 0], noise[:, 1, 1] = variance * c * c, variance * s * s
+        noise[:, 0, 1] = noise[:, 1, 0] = variance * c * s
+        noise[:, 2, 2] = config.turn_noise**2 * np.abs(turn_rad) + config.wander_rad**2 * length_m
+        noise[:, range(6, 9), range(6, 9)] = (1.0 - keep**2) * self._overhead_variance
+        if config.sight:
+            noise[:, range(9, 12), range(9, 12)] = (1.0 - keep_seen**2) * self._seen_variance
+        self._covariance = change @ self._covariance @ change.transpose(0, 2, 1) + noise
+        self._state[:, 6:] *= kept[6:]
         self._state[:, _POSE] = moved
         self._odometry = compose(self._odometry, step)
         self._times_s.append(now_s)
@@ -244,40 +267,6 @@ class PoseFusion:
     def age_s(self, now_s: float) -> np.ndarray:
         """(N,) time since the picture of the last overhead pose that was taken [s]."""
         return now_s - self._measured_s
-
-    def _predict(
-        self,
-        forward_m: np.ndarray,
-        turn_rad: np.ndarray,
-        displaced_m: np.ndarray,
-        along_rad: np.ndarray,
-        elapsed_s: float,
-    ) -> None:
-        """The covariance after steps that moved robots by (N, 2) in directions (N,)."""
-        config = self.config
-        c, s = np.cos(along_rad), np.sin(along_rad)
-        keep = math.exp(-elapsed_s / config.correlation_s)
-        keep_seen = math.exp(-elapsed_s / config.seen_correlation_s)
-        change = np.zeros_like(self._covariance)  # Jacobian of the new state by the old one
-        kept = np.array((1.0,) * 6 + (keep,) * 3 + (keep_seen,) * 3)[: self._states]
-        change[:, range(self._states), range(self._states)] = kept
-        change[:, 0, 2], change[:, 1, 2] = -displaced_m[:, 1], displaced_m[:, 0]
-        change[:, 0, _FORWARD], change[:, 1, _FORWARD] = forward_m * c, forward_m * s
-        for number, steps in ((_TURN, turn_rad), (_DRIFT, forward_m)):
-            change[:, 2, number] = steps
-            change[:, 0, number] = -0.5 * displaced_m[:, 1] * steps
-            change[:, 1, number] = 0.5 * displaced_m[:, 0] * steps
-        noise = np.zeros_like(self._covariance)
-        length_m = np.abs(forward_m)
-        variance = config.step_noise**2 * length_m
-        noise[:, 0, 0], noise[:, 1, 1] = variance * c * c, variance * s * s
-        noise[:, 0, 1] = noise[:, 1, 0] = variance * c * s
-        noise[:, 2, 2] = config.turn_noise**2 * np.abs(turn_rad) + config.wander_rad**2 * length_m
-        noise[:, range(6, 9), range(6, 9)] = (1.0 - keep**2) * self._overhead_variance
-        if config.sight:
-            noise[:, range(9, 12), range(9, 12)] = (1.0 - keep_seen**2) * self._seen_variance
-        self._covariance = change @ self._covariance @ change.transpose(0, 2, 1) + noise
-        self._state[:, 6:] *= kept[6:]
 
     def _update(
         self,

@@ -67,26 +67,24 @@ class WayOn:
         self._graph = graph
         self._path: Optional[Path] = None
 
-    def lay(self, pose: Pose) -> bool:
-        """Anew, from a pose on; False, and none, off the road."""
+    def lay(self, pose: Pose) -> Optional[Path]:
+        """Anew, from a pose on; None off the road."""
         try:
             self._path = path_on(self._graph, pose, _SHOWN_M)
         except PlanError:
             self._path = None
-        return self._path is not None
+        return self._path
 
     def on(self, fix: SightFix, now_s: float, robot: int = 0) -> Optional[On]:
         """The way of a robot whose place a filter knows; None off the road."""
         pose = Pose(*fix.fusion.poses[robot].tolist())
-        if self._path is None and not self.lay(pose):
+        path = self._path
+        if path is None or path.length_m - path.project(pose.x_m, pose.y_m).arc_m < _LEFT_M:
+            path = self.lay(pose)
+        if path is None:
             return None
-        assert self._path is not None
-        at = self._path.project(pose.x_m, pose.y_m)
-        if self._path.length_m - at.arc_m < _LEFT_M and self.lay(pose):
-            at = self._path.project(pose.x_m, pose.y_m)
-        if self._path is None:
-            return None
-        return On(self._path, pose, at, now_s - float(fix.took_s[robot]) <= _SEEN_S)
+        at = path.project(pose.x_m, pose.y_m)
+        return On(path, pose, at, now_s - float(fix.took_s[robot]) <= _SEEN_S)
 
 
 class Whereabouts:
