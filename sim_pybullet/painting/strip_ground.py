@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from robot.geometry import bezier_points, bezier_tangents
-from robot.navigation.road_map import Lane, RoadMap, Tile
+from robot.navigation.road_map import Lane, RoadMap, Tile, tile_lanes
 from sim_pybullet.look import GroundLook
 from sim_pybullet.painting.shadows import cast_shadows
 from sim_pybullet.scene import Ground, SemanticClass
@@ -95,8 +95,7 @@ def _lay_lines(canvas: _Canvas, road_map: RoadMap) -> None:
         if tile.is_junction:
             _lay_junction(canvas, road_map, tile)
             continue
-        here = (tile.row, tile.column)
-        lanes = [lane for lane in road_map.lanes if (lane.tile_row, lane.tile_column) == here]
+        lanes = tile_lanes(tile, tile_m, road_map.rows)
         for lane in lanes:
             canvas.white(_offset(lane, -_WHITE_OFFSET * tile_m))
         middle = _offset(lanes[0], _YELLOW_OFFSET * tile_m)
