@@ -10,7 +10,7 @@ import localizer_node.__main__
 import tools.loop.__main__
 import trainer.cli
 from robot.cli import main as robot
-from tools.loop.__main__ import LoopOptions
+from tools.loop.cli import LoopOptions
 
 TRAIN = "--task --algo --preset --map --out --seed --resume"
 EVALUATE = "--model --task --map --look --pose-error --zero --episodes --seed --json"

@@ -11,8 +11,8 @@ from robot.safety.state_machine import State
 from robot.typed_config import to_plain
 from tools.faults import __main__ as faults
 from tools.faults import meet
-from tools.faults.__main__ import FaultsOptions
 from tools.faults.case import Outcome
+from tools.faults.cli import FaultsOptions
 from tools.faults.report import write_report
 from tools.loop import __main__ as loop
 

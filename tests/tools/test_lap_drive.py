@@ -18,7 +18,8 @@ from robot.safety.state_machine import State
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.motors import expert_actions
 from tools.loop import laps
-from tools.loop.__main__ import LoopOptions, main
+from tools.loop.__main__ import main
+from tools.loop.cli import LoopOptions
 from tools.loop.laps import LapDrive, LapRecord
 from trainer.export import export_translator
 

@@ -14,7 +14,8 @@ from robot.typed_config import read_json
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop import drive
-from tools.loop.__main__ import LoopOptions, main
+from tools.loop.__main__ import main
+from tools.loop.cli import LoopOptions
 from tools.loop.sites import sites_of
 
 REALITY = {"reality/noon", "reality/night", "reality/rink", "reality/lab", "reality/hall"}

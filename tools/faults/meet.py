@@ -6,7 +6,6 @@ import tempfile
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 from rich.progress import MofNCompleteColumn, Progress
@@ -18,13 +17,11 @@ from robot.output import expect_writable, write_json
 from robot.typed_config import from_plain, read_json, to_plain
 from tools.faults import hardware, pictures, poses, programs, strangers, traffic
 from tools.faults.case import FAMILIES, TABLE, Case, Outcome, case_of
+from tools.faults.cli import FaultsOptions
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
 from tools.loop.drive import expect_navigator
-
-if TYPE_CHECKING:
-    from tools.faults.__main__ import FaultsOptions
 
 
 def every_case() -> list[Case]:

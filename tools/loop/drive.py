@@ -26,8 +26,8 @@ from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder, expect_writable, write_json
 from robot.typed_config import read_json
-from tools.loop.__main__ import LoopOptions
 from tools.loop.bench import Bench, BenchOptions
+from tools.loop.cli import LoopOptions
 from tools.loop.missions import ANSWER_S, DAWDLE_MPS, Driver, Line, MissionRecord, distance_m
 from tools.loop.sites import Site, sites_of
 from tools.video import DriveFilm, Moment

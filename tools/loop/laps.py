@@ -33,7 +33,7 @@ from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.world import VirtualWorld
-from tools.loop.__main__ import LoopOptions
+from tools.loop.cli import LoopOptions
 from tools.loop.sites import sites_of
 from tools.video import DriveFilm, Moment
 

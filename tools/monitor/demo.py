@@ -8,7 +8,7 @@ from robot.errors import ConfigError
 from robot.inference.policy import SHIPPED_MODELS
 from tools.loop.bench import PROGRAMS, Bench, BenchOptions
 from tools.loop.missions import on_lane
-from tools.monitor.__main__ import MonitorOptions
+from tools.monitor.cli import MonitorOptions
 
 MODEL = SHIPPED_MODELS / "nav_dueling.onnx"
 TURN_S = 0.02
