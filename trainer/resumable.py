@@ -5,7 +5,6 @@ What happens in step k depends on the seed and k alone: a resumed run is the sam
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -22,64 +21,54 @@ SAVE_EVERY_S = 20.0
 _REMEDY = "; put a copy of it back, or delete it and begin again"
 
 
-@dataclass(frozen=True)
-class Loop:
-    """Runs ``steps`` steps, keeping ``parts`` in the file ``path``."""
+def run_steps(
+    path: Path,
+    parts: Mapping[str, Any],
+    steps: int,
+    seed: int,
+    step: Callable[[np.random.Generator, int], str],
+    name: str,
+    console: Console,
+) -> None:
+    """Call ``step(rng, k)`` for each step not done yet; what it returns stands beside the bar.
 
-    path: Path
-    parts: Mapping[str, Any]  # networks, optimisers: with state_dict and load_state_dict
-    steps: int
-    seed: int
-
-    def done(self) -> int:
-        """Load the file, if there is one; how many steps were done when it was written."""
-        if not self.path.exists():
-            return 0
-        with loaded(self.path, "the checkpoint of this run", remedy=_REMEDY) as content:
-            for name, part in self.parts.items():
-                part.load_state_dict(content["parts"][name])
-            return int(content["step"])
-
-    def _save(self, step: int) -> None:
-        parts = {name: part.state_dict() for name, part in self.parts.items()}
-        save_torch(self.path, {"step": step, "parts": parts})
-
-    def run(
-        self, step: Callable[[np.random.Generator, int], str], name: str, console: Console
-    ) -> None:
-        """Call ``step(rng, k)`` for each step not done yet; what it returns stands beside the bar.
-
-        Whoever stops it loses at most `SAVE_EVERY_S` of work.
-        """
-        torch.set_num_threads(1)  # with a second one networks as small as ours are slower
-        first, saved = self.done(), time.monotonic()
-        columns = (*Progress.get_default_columns(), MofNCompleteColumn())
-        with Progress(*columns, TextColumn("{task.fields[note]}"), console=console) as bar:
-            row = bar.add_task(name, total=self.steps, completed=first, note="")
-            for k in range(first, self.steps):
-                rng = np.random.default_rng((self.seed, k))
-                torch.manual_seed(int(rng.integers(2**31)))  # dropout's
-                bar.update(row, note=step(rng, k), advance=1)
-                if time.monotonic() - saved > SAVE_EVERY_S:
-                    self._save(k + 1)
-                    saved = time.monotonic()
-        if first < self.steps:
-            self._save(self.steps)
+    ``parts``, networks and optimisers, have state_dict and load_state_dict; they are kept in the
+    file ``path``. Whoever stops it loses at most `SAVE_EVERY_S` of work.
+    """
+    torch.set_num_threads(1)  # with a second one networks as small as ours are slower
+    first, saved = 0, time.monotonic()
+    if path.exists():
+        with loaded(path, "the checkpoint of this run", remedy=_REMEDY) as content:
+            for key, part in parts.items():
+                part.load_state_dict(content["parts"][key])
+            first = int(content["step"])
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    with Progress(*columns, TextColumn("{task.fields[note]}"), console=console) as bar:
+        row = bar.add_task(name, total=steps, completed=first, note="")
+        for k in range(first, steps):
+            rng = np.random.default_rng((seed, k))
+            torch.manual_seed(int(rng.integers(2**31)))  # dropout's
+            bar.update(row, note=step(rng, k), advance=1)
+            if k + 1 == steps or time.monotonic() - saved > SAVE_EVERY_S:
+                states = {key: part.state_dict() for key, part in parts.items()}
+                save_torch(path, {"step": k + 1, "parts": states})
+                saved = time.monotonic()
 
 
 def fit(
     network: torch.nn.Module,
     optimiser: torch.optim.Optimizer,
     loss_of: Callable[[np.random.Generator], torch.Tensor],
-    loop: tuple[Path, int, int],
+    checkpoint: Path,
+    steps: int,
+    seed: int,
     name: str,
     console: Console,
 ) -> None:
-    """Train a network until its steps are done; it ends in evaluation mode.
+    """Train a network until its steps are done, the rate falling to nothing along a cosine.
 
-    ``loop``: checkpoint to go on from, steps, seed. The rate falls to nothing along a cosine.
+    It goes on from ``checkpoint``, and ends in evaluation mode.
     """
-    path, steps, seed = loop
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
 
@@ -89,7 +78,7 @@ def fit(
         return f"loss {loss:.3f}"
 
     network.train()
-    Loop(path, parts, steps, seed).run(step, name, console)
+    run_steps(checkpoint, parts, steps, seed, step, name, console)
     network.eval()
 
 

@@ -82,7 +82,7 @@ def teach_turns(
                 stacks[i], wanted[i] = stacks[i][:, ::-1].copy(), MIRRORED[wanted[i]]
         return functional.cross_entropy(network(torch.from_numpy(stacks)), torch.from_numpy(wanted))
 
-    fit(network, optimiser, loss_of, (checkpoint, steps, seed), checkpoint.stem, console)
+    fit(network, optimiser, loss_of, checkpoint, steps, seed, checkpoint.stem, console)
     return network
 
 

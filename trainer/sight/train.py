@@ -18,7 +18,7 @@ from robot.vision.sight import SightContract
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import division, refuse_judging_look, refuse_judging_maps
 from trainer.export import quantise
-from trainer.resumable import Loop, descend, set_rate
+from trainer.resumable import descend, run_steps, set_rate
 from trainer.run import take_up
 from trainer.sight.augment import drawn
 from trainer.sight.cli import SightRun
@@ -47,8 +47,8 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     network = SightNetwork()
     optimiser = torch.optim.AdamW(network.parameters(), _RATE)
     parts = {"network": network, "optimiser": optimiser}
-    loop = Loop(out / "checkpoint.pt", parts, run.steps, run.seed)
-    loop.run(lesson(network, optimiser, training, run), "sight", console)
+    step = lesson(network, optimiser, training, run)
+    run_steps(out / "checkpoint.pt", parts, run.steps, run.seed, step, "sight", console)
     calibrate(network, chosen)
     path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]
     contract = SightContract(IMAGE, run=out.name, trained_steps=run.steps)
@@ -86,7 +86,7 @@ def gathered(
 def lesson(
     network: SightNetwork, optimiser: torch.optim.Optimizer, pictures: Pictures, run: SightRun
 ) -> Callable[[np.random.Generator, int], str]:
-    """One step of the training, for `trainer.resumable.Loop`."""
+    """One step of the training, for `trainer.resumable.run_steps`."""
 
     def step(rng: np.random.Generator, number: int) -> str:
         rate = _RATE * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))

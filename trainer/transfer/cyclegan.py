@@ -19,7 +19,7 @@ from robot.contract import ImageSpec
 from robot.inference.policy import DIRECTIONS, TranslatorContract
 from trainer.export import export_translator
 from trainer.presets import preset
-from trainer.resumable import Loop, descend, set_rate
+from trainer.resumable import descend, run_steps, set_rate
 from trainer.transfer.judge import LANE_OVERLAP, lanes_kept
 from trainer.transfer.networks import (
     PictureTranslator,
@@ -293,7 +293,8 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
         return f"cycle {losses['cycle']:.2f}, structure {losses['structure']:.2f}"
 
     parts = {**model.parts, "newest": newest}
-    Loop(out / "checkpoint.pt", parts, config.steps, config.seed).run(step, "CycleGAN", console)
+    checkpoint = out / "checkpoint.pt"
+    run_steps(checkpoint, parts, config.steps, config.seed, step, "CycleGAN", console)
     model.kept.load_state_dict(newest.weights)
     generators = [PictureTranslator(each) for each in model.kept]
     of_run = config.image, out.resolve().name, newest.steps

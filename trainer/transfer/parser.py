@@ -108,8 +108,8 @@ def teach(
         guess = parser.network(torch.from_numpy(frames))
         return cross_entropy(guess, torch.from_numpy(truth).long())
 
-    loop = checkpoint, options.steps, options.seed
-    fit(parser.network, optimiser, loss_of, loop, "SegNet", console)
+    how_long = options.steps, options.seed
+    fit(parser.network, optimiser, loss_of, checkpoint, *how_long, "SegNet", console)
     return parser
 
 

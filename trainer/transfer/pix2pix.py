@@ -23,7 +23,7 @@ from robot.inference.policy import DIRECTIONS, TranslatorContract
 from robot.inference.preprocess import preprocess_batch
 from trainer.export import export_translator
 from trainer.presets import preset
-from trainer.resumable import Loop, descend, set_rate
+from trainer.resumable import descend, run_steps, set_rate
 from trainer.transfer.cli import ThroughOptions
 from trainer.transfer.labelled import LABEL_SETS, ROAD, LabelSet, load_pairs
 from trainer.transfer.networks import (
@@ -124,7 +124,7 @@ def teach_pairs(
         set_rate(optimisers, model.config.learning_rate * min(1.0, 2.0 - 2.0 * k / steps))
         return f"L1 {model.step(*pairs.draw(model.config.batch, rng)):.3f}"
 
-    Loop(checkpoint, parts, steps, seed).run(step, checkpoint.stem, console)
+    run_steps(checkpoint, parts, steps, seed, step, checkpoint.stem, console)
     return model.generator.eval()
 
 

@@ -93,7 +93,7 @@ def test_a_loop_that_was_killed_ends_as_one_that_was_not(
         torch.manual_seed(0)
         layer = torch.nn.Linear(3, 1)
         optimiser = torch.optim.Adam(layer.parameters(), 0.1)
-        loop = resumable.Loop(path, {"l": layer, "o": optimiser}, 8, seed=3)
+        parts = {"l": layer, "o": optimiser}
 
         def step(rng: np.random.Generator, k: int) -> str:
             if k == stop_at:
@@ -104,7 +104,7 @@ def test_a_loop_that_was_killed_ends_as_one_that_was_not(
             optimiser.step()
             return ""
 
-        loop.run(step, "test", Console(quiet=True))
+        resumable.run_steps(path, parts, 8, 3, step, "test", Console(quiet=True))
         return layer.weight.detach()
 
     with pytest.raises(StopError):
