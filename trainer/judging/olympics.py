@@ -229,20 +229,16 @@ class Verdict:
         A collision counts that is its own fault; to survive without three tiles is no success. The
         half second is of the time to a collision, kept all the time.
         """
-        every = self.episodes
-        measures = {
-            name: median([getattr(e.figures, name.replace("-", "_")) for e in every])
-            for name in MEASURES
-        }
+        every, count = self.episodes, len(self.episodes)
+        columns = zip(*(e.figures for e in every), strict=True)
+        apart = sum(e.least_ttc_s >= _LEAST_TTC_S for e in every)
         return {
-            "collision_free_rate": share(sum(not e.at_fault for e in every), len(every)),
-            "success_rate": share(sum(e.success for e in every), len(every)),
+            "collision_free_rate": share(sum(not e.at_fault for e in every), count),
+            "success_rate": share(sum(e.success for e in every), count),
             "tiles": median([e.tiles for e in every]),
-            **measures,
+            **{name: median(each) for name, each in zip(MEASURES, columns, strict=True)},
             "least_time_to_collision": median([e.least_ttc_s for e in every]),
-            "half_second_kept_rate": share(
-                sum(e.least_ttc_s >= _LEAST_TTC_S for e in every), len(every)
-            ),
+            "half_second_kept_rate": share(apart, count),
             "longest_wait": median([e.longest_wait_s for e in every]),
         }
 

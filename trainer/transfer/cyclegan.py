@@ -317,7 +317,6 @@ def _shifted(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Moved by a few pixels, the edge repeated: there are only some hundred photographs."""
     height, width = picture.shape[:2]
     most = max(1, round(_LARGEST_SHIFT * width))
-    down, right = rng.integers(-most, most + 1, 2)
-    rows = np.clip(np.arange(height) + down, 0, height - 1)
-    columns = np.clip(np.arange(width) + right, 0, width - 1)
-    return picture[rows][:, columns]
+    down, right = most + rng.integers(-most, most + 1, 2)
+    wider = np.pad(picture, ((most, most), (most, most), (0, 0)), "edge")
+    return wider[down : down + height, right : right + width]

@@ -262,7 +262,4 @@ def draw(photograph: Photograph, drawn_in: tuple[int, int], size: tuple[int, int
 
 
 def _read(path: Path, size: tuple[int, int]) -> np.ndarray:
-    picture = read_picture(path)
-    if picture.shape[:2] == size:
-        return picture
-    return np.asarray(cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA))
+    return np.asarray(cv2.resize(read_picture(path), size[::-1], interpolation=cv2.INTER_AREA))
