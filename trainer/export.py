@@ -51,7 +51,8 @@ def export_run(
 
     ConfigError if there is none yet, ContractError if torch and ONNX disagree on some frame.
     """
-    network, rng = export_best(folder, config), np.random.default_rng(config.seed)
+    network = export_weights(folder, config, folder.best, folder.onnx)
+    rng = np.random.default_rng(config.seed)
     calibration = collect_observations(network, env, frames, rng)
     quantise(folder.onnx, calibration, folder.onnx_int8)
     checked = collect_observations(network, env, frames, rng)  # of other episodes
@@ -62,25 +63,13 @@ def export_run(
     return exported
 
 
-def export_best(folder: RunFolder, config: RunConfig) -> GreedyNetwork:
-    """Write ``model.onnx`` alone; errors as above, of frames of noise."""
-    if not folder.best.exists():
-        raise ConfigError(f"{folder.path}: expected a policy that an evaluation kept, found none")
-    return _export_weights(folder, config, folder.best, folder.onnx)
+def export_weights(folder: RunFolder, config: RunConfig, weights: Path, out: Path) -> GreedyNetwork:
+    """Write the policy of a run's ``best.pt`` or ``checkpoint.pt``, checked on frames of noise.
 
-
-def export_checkpoint(checkpoint: Path, out: Path) -> None:
-    """Write the policy of ``best.pt`` or ``checkpoint.pt`` in a run folder, for study.
-
-    ConfigError if it does not lie in a run folder, or holds no policy of that run.
+    ConfigError if there is none of that run, ContractError as above.
     """
-    folder = RunFolder(checkpoint.parent)
-    _export_weights(folder, folder.load_config(), checkpoint, out)
-
-
-def _export_weights(
-    folder: RunFolder, config: RunConfig, weights: Path, out: Path
-) -> GreedyNetwork:
+    if not weights.exists():
+        raise ConfigError(f"{folder.path}: expected a policy that an evaluation kept, found none")
     policy, spec = build_policy(config), find_task(config.task)
     load_policy(weights, policy)
     best = read_state(folder.checkpoint).best if folder.checkpoint.exists() else None

@@ -26,7 +26,7 @@ from robot.errors import ConfigError, ContractError
 from robot.inference.policy import read_contract
 from robot.inference.preprocess import preprocess
 from robot.output import write_png
-from trainer.export import export_checkpoint
+from trainer.export import export_weights
 from trainer.mp4 import write_mp4
 from trainer.run import RunFolder
 
@@ -196,8 +196,8 @@ def open_explainer(policy: Path) -> Explainer:
     if policy.suffix != ".pt":
         return Explainer(policy)
     with tempfile.TemporaryDirectory() as temporary:
-        path = Path(temporary) / "policy.onnx"
-        export_checkpoint(policy, path)
+        path, folder = Path(temporary) / "policy.onnx", RunFolder(policy.parent)
+        export_weights(folder, folder.load_config(), policy, path)
         return Explainer(path)
 
 

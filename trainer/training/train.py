@@ -14,7 +14,7 @@ from stable_baselines3.common.logger import configure
 from robot.output import write_json
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig
-from trainer.export import export_best
+from trainer.export import export_weights
 from trainer.learners.world import learning_world
 from trainer.processes import LocalProcesses, Processes
 from trainer.report.curves import draw_curve
@@ -122,7 +122,7 @@ def _finish(config: RunConfig, folder: RunFolder, watch: Watch, episodes: int) -
         evaluations=tuple(state.evaluations),
     )
     if not interrupted:
-        export_best(folder, config)
+        export_weights(folder, config, folder.best, folder.onnx)
         write_json(folder.metrics, metrics)
         shutil.rmtree(folder.replay, ignore_errors=True)  # a finished run has no more use for it
     return metrics
