@@ -15,7 +15,7 @@ from robot.errors import ConfigError, DuckpilotError, nearest
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_writable, write_json
 from robot.typed_config import from_plain, read_json, to_plain
-from tools.faults import hardware, pictures, poses, programs, strangers, traffic
+from tools.faults import machines, senses, strangers, traffic
 from tools.faults.case import FAMILIES, TABLE, Case, Outcome, case_of
 from tools.faults.cli import FaultsOptions
 from tools.faults.report import write_report
@@ -26,7 +26,7 @@ from tools.loop.drive import expect_navigator
 
 def every_case() -> list[Case]:
     """All cases, in order."""
-    modules = (pictures, hardware, poses, programs, strangers, traffic)
+    modules = (senses, machines, strangers, traffic)
     known = {name: value for module in modules for name, value in vars(module).items()}
     return [case_of(family, row, known) for family in FAMILIES for row in TABLE[family]]
 
