@@ -5,8 +5,6 @@ elsewhere, or later, the same episode is rounded otherwise. So a block is the sa
 whoever drives it. A finished one is a file, named after a digest of all that it follows from.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The AI Driving Olympics' challenges: who drives, episode by episode, and how each went."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -7,8 +7,6 @@ was used there first, and no lane at all is no deviation. One thing is ours: the
 metres, where theirs is in tiles.
 """
 
-from __future__ import annotations
-
 import cmath
 import itertools
 import math
@@ -17,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from rich.console import Console
@@ -265,7 +263,7 @@ class Verdict:
             "drives": rows,
         }
 
-    def against(self, other: Verdict) -> dict[str, Any]:
+    def against(self, other: Self) -> dict[str, Any]:
         """Both on the same episodes: who succeeded where the other did not."""
         mine, theirs = ([e.success for e in v.episodes] for v in (self, other))
         return {**other.plain(), **paired(mine, theirs)}

@@ -1,7 +1,5 @@
 """What the commands ``train`` and ``evaluate`` do, as things that another process can do, too."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from dataclasses import dataclass, fields, replace

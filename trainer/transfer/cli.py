@@ -3,8 +3,6 @@
 Imports nothing heavy: ``--help`` needs these.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal

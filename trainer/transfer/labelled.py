@@ -12,12 +12,10 @@ photograph by name whether it is held out and its ``shapes``: a class of `ROAD` 
 The photographs lie elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -143,9 +141,9 @@ class Labelled(NamedTuple):
     frames: np.ndarray  # (N, H, W, 3) uint8 RGB
     truth: np.ndarray  # (N, H, W) uint8, values of a label set or VOID
 
-    def pick(self, chosen: np.ndarray) -> Labelled:
+    def pick(self, chosen: np.ndarray) -> Self:
         """Some of them, by (N,) bool or by indices."""
-        return Labelled(*(part[chosen] for part in self))
+        return type(self)(*(part[chosen] for part in self))
 
 
 class Split(NamedTuple):

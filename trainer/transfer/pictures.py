@@ -5,8 +5,6 @@ where there are any, in ``label/`` beside ``image/``. A collection is such a fol
 files; a label's grey values are `sim_pybullet.scene.SemanticClass`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple

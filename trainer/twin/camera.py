@@ -5,13 +5,11 @@ That explains the brightness and the yellow of a picture, and how it changes as 
 tells where the camera is: Gauss and Newton's steps over many pictures, each with its own pose.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from operator import attrgetter
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -166,7 +164,7 @@ class Views(NamedTuple):
     scene: Scene
     blur_px: float
 
-    def some(self, chosen: np.ndarray) -> Views:
+    def some(self, chosen: np.ndarray) -> Self:
         """Those of these numbers."""
         return self._replace(planes=self.planes[chosen], poses=self.poses[chosen])
 

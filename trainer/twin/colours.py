@@ -1,7 +1,5 @@
 """What colour things have in the pictures, and what the sensor does to them."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from typing import NamedTuple

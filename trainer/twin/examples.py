@@ -1,7 +1,5 @@
 """What a person did in a recording, as pictures with an action for each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """From recordings to a twin: a distribution of Looks that a robot like this one is drawn from."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ told poses as well as a shift and a turn can. What is then left tells gain, trim
 delay, and where on the robot the eye sits that told the poses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The proof of a taught policy: how it drives in its twin, where it fails, what it foretells."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path

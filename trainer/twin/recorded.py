@@ -1,7 +1,5 @@
 """Recordings as arrays: commands, pictures, and what told the robot where it was."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -5,8 +5,6 @@ The expert knows the true path. Recorded frames come with the person's steering;
 they took over counts most (HG-DAgger, Kelly et al. 2019).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
