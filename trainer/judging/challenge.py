@@ -29,11 +29,6 @@ BARE = "bare"
 _FIRST_WORLD = 1_000_000_009  # seed of all worlds
 
 
-def robots_of(challenge: str) -> int:
-    """How many of ours share a world."""
-    return len(load_scenario(challenge).robots_pcs)
-
-
 def drive(
     driver: Driver,
     challenge: str,
@@ -48,7 +43,7 @@ def drive(
     All begin at once. They come as each ends, with ``films`` of what the robot saw at its end.
     Consecutive seeds take the maps in turn. MapError for a map without room for the challenge.
     """
-    group = robots_of(challenge)
+    group = len(load_scenario(challenge).robots_pcs)
     spec = find_task("traffic_junctions" if driver.guided else "traffic")
     task = spec.build(road_maps, group * len(seeds), Choices(scenario=challenge))
     assert isinstance(task, Traffic)
@@ -101,11 +96,6 @@ class Contest:
     def driver(self) -> Driver:
         """Who drives; DuckpilotError unless it can."""
         model, poses = self.asked.model, self.asked.poses
-        if poses == "sight" and self.asked.challenge == "lfvi":
-            raise ConfigError(
-                "poses: expected true or arena, got sight, which does not tell who comes from the "
-                "sides"
-            )
         if self.name in ("expert", "stand"):
             return Expert() if self.name == "expert" else Driver()
         bare = self.name == BARE and self.name != model

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
+from robot.errors import ConfigError
+
 
 @dataclass(frozen=True)
 class JudgeOptions:
@@ -30,6 +32,13 @@ class JudgeOptions:
     poses: Literal["true", "arena", "sight"] = "true"
     seconds: float = 60.0  # How long an episode is; the Olympics' are a minute.
 
+    def __post_init__(self) -> None:
+        if self.poses == "sight" and self.challenge == "lfvi":
+            raise ConfigError(
+                "poses: expected true or arena, got sight, which does not tell who comes from the "
+                "sides"
+            )
+
 
 def judge_command(
     options: Annotated[JudgeOptions, tyro.conf.arg(name="")],
@@ -47,9 +56,10 @@ def judge_command(
     from robot.navigation.road_map import load_map
     from robot.output import write_json
     from sim_pybullet.randomise import load_look_sampler
+    from sim_pybullet.traffic.scenario import load_scenario
     from trainer.division import maps_named
     from trainer.judging.blocks import drive_blocks, kept_beside
-    from trainer.judging.challenge import Contest, robots_of
+    from trainer.judging.challenge import Contest
     from trainer.judging.olympics import Episode, LaneFigures, Verdict, tell, write_worst
 
     challenge, seeds = options.challenge, range(options.seed, options.seed + options.episodes)
@@ -64,7 +74,7 @@ def judge_command(
     verdicts, worst = [], []
     with kept_beside(json or (out and out / "judge.html"), console) as folder:
         for contest in contests:
-            name, group = Path(contest.name).name, robots_of(challenge)
+            name, group = Path(contest.name).name, len(load_scenario(challenge).robots_pcs)
             how = f"{challenge} {name}", seeds, folder, workers, console, group
             rows, films = drive_blocks(contest, *how)
             found = [Episode(*row)._replace(figures=LaneFigures(*row[-1])) for row in rows]

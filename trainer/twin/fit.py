@@ -125,7 +125,8 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     """
     if len({drive.map_name for drive in drives}) > 1:
         raise ConfigError("fit: expected recordings of one map, got several")
-    above = [moved.from_above(drive.commands, drive.told) for drive in drives]
+    told_of = [drive.overhead if len(drive.overhead) else drive.fused for drive in drives]
+    above = [moved.from_above(d.commands, told) for d, told in zip(drives, told_of, strict=True)]
     alike = min(map(moved.obeyed, above))
     if alike < LEAST_OBEYED:
         raise ConfigError(

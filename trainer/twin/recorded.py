@@ -35,11 +35,6 @@ class Recorded(NamedTuple):
     turns: tuple[Turn, ...]  # of each picture
 
     @property
-    def told(self) -> np.ndarray:
-        """(M, 4) the poses to begin with: overhead ones, else the believed ones."""
-        return self.overhead if len(self.overhead) else self.fused
-
-    @property
     def road_map(self) -> RoadMap:
         """Where it was driven."""
         return load_map(self.map_name)
@@ -90,13 +85,16 @@ def read_drive(path: Path) -> Recorded:
             f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
         )
     begin_s = turns[0].time_s
+    turned_s = np.array([t.time_s for t in turns]) - begin_s
+    grid_s = (np.arange(round(turned_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
+    held = np.searchsorted(turned_s, grid_s, "right") - 1
     before = [None, *(turn.frame for turn in turns)]
     fresh = [t for t, b in zip(turns, before, strict=False) if t.frame != b and t.frame in frames]
     images = [picture(topics.image_bytes(frames[t.frame or 0].message())) for t in fresh]
     begun = np.array((begin_s, 0.0, 0.0, 0.0))
     return Recorded(
         map_name,
-        _commands(turns),
+        np.array([t.wheels for t in turns])[held],
         np.array([t.time_s - begin_s for t in fresh]),
         np.array(images),
         np.array(overhead).reshape(-1, 4) - begun,
@@ -104,13 +102,6 @@ def read_drive(path: Path) -> Recorded:
         1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns)),
         tuple(fresh),
     )
-
-
-def _commands(turns: Sequence[Turn]) -> np.ndarray:
-    times_s = np.array([t.time_s for t in turns]) - turns[0].time_s
-    grid_s = (np.arange(round(times_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
-    held = np.searchsorted(times_s, grid_s, "right") - 1
-    return np.array([t.wheels for t in turns])[held]
 
 
 def _place(message: dict[str, Any]) -> tuple[float, float, float]:
