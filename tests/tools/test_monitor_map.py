@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot.navigation.road_map import load_map
-from tools.monitor.map_drawing import draw_map
+from tools.monitor.app import draw_map
 
 
 @pytest.mark.parametrize("name", ["loop", "arena", "town"])
