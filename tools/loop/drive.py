@@ -297,7 +297,6 @@ def summary(rows: list[dict[str, Any]], options: LoopOptions) -> dict[str, Any]:
         "max_path_distance_m": max((r["max_path_distance_m"] for r in arrived), default=math.nan),
         "position_rms_m": mean("position_rms_m"),
         "heading_rms_rad": mean("heading_rms_rad"),
-        "detours": sum(r["detours"] for r in rows),
         "sites": arrivals_at(rows),
         "stops": [r["stop"] for r in rows if r["stop"]],
         "rows": rows,

@@ -49,7 +49,6 @@ class MissionRecord:
     missed_m: float = math.nan  # true distance to the destination at the end
     offsets_m: list[float] = field(default_factory=list)  # true distance from the robot's path
     errors: list[tuple[float, float]] = field(default_factory=list)  # of the robot's pose: m, rad
-    detours: int = 0  # the robot missed a turn, and planned anew
     stop: Stop | None = None
 
     @property
@@ -119,10 +118,8 @@ class Driver:
                 return record
         began_s = self.bench.now_s
         self.bench.until(lambda: self._look() == "driving", ANSWER_S, "the mission to begin")
-        told, late_s = "", began_s + record.length_m / DAWDLE_MPS
+        late_s = began_s + record.length_m / DAWDLE_MPS
         while self._look() == "driving" and self.bench.now_s < late_s:
-            record.detours += operator.mission["reason"] != told
-            told = operator.mission["reason"]
             record.offsets_m.append(distance_m(operator.robot["path"], self.bench.town.pose))
             self._judge(record)
         record.phase = operator.mission.get("phase", "lost")
