@@ -45,13 +45,6 @@ class LocalProcesses:
         self.cores = len(os.sched_getaffinity(0))
         self._started: list[BaseProcess] = []
 
-    def number(self, asked: int | None) -> int:
-        """As many as are asked for, else one for each core; ConfigError below 1."""
-        count = self.cores if asked is None else asked
-        if count < 1:
-            raise ConfigError(f"workers: expected 1 or more, got {count}")
-        return count
-
     def start(self, do: Callable[..., object], *orders: Any) -> BaseProcess:
         """One more, that does so and exits with what it returns; or is ended with this process."""
         from torch import multiprocessing

@@ -86,9 +86,9 @@ def drive_blocks(
     """The rows of these episodes, in each of which so many robots share a world, and the films.
 
     Processes share the blocks that the folder lacks: so many, else one for each core. Who is killed
-    is no loss. DuckpilotError as of the order's; ConfigError for less than one worker.
+    is no loss. DuckpilotError as of the order's.
     """
-    most, name, size = LocalProcesses().number(workers), digest(order), max(ROBOTS // group, 1)
+    most, name, size = workers or LocalProcesses().cores, digest(order), max(ROBOTS // group, 1)
     parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
     blocks = [Block(order, p, folder / f"{name}_{p[0]}_{len(p)}.json") for p in parts]
     with Progress(*_COLUMNS, console=console) as bar:

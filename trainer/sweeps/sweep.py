@@ -40,7 +40,7 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     processes = processes_of(many.ray, RETRIES)
     most = len(waiting)
     if isinstance(processes, LocalProcesses):
-        most = processes.number(many.workers)
+        most = many.workers or processes.cores
     orders = [(job, os.getcwd()) for job in waiting]
     try:
         with Progress(*_COLUMNS, console=console) as bar:
