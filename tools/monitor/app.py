@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import FastAPI, Query, Request, Response, WebSocket
+from fastapi import FastAPI, Request, Response, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
@@ -34,7 +34,7 @@ STATIC = Path(__file__).parent / "static"
 SEND_EVERY_S = 0.1
 TEXT_LIMIT = 200  # characters from the page; its longest is {"manual":[-0.123,0.123]}
 MANUAL_EVERY_S = 0.02
-FAR_S = 1e6  # no drive is longer
+Seconds = Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)]  # no drive is longer
 
 
 class CommandBody(BaseModel):
@@ -56,8 +56,8 @@ class MarkBody(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    from_s: Annotated[float, Field(ge=0.0, le=FAR_S, allow_inf_nan=False)]
-    to_s: Annotated[float, Field(ge=0.0, le=FAR_S, allow_inf_nan=False)]
+    from_s: Seconds
+    to_s: Seconds
     kind: Literal["good", "bad"]
 
 
@@ -121,9 +121,7 @@ def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
         return read_drive(monitor.drives, name)
 
     @app.get("/api/drives/{name}/picture")
-    def drive_picture(
-        name: str, t_s: Annotated[float, Query(ge=0.0, le=FAR_S, allow_inf_nan=False)]
-    ) -> Response:
+    def drive_picture(name: str, t_s: Seconds) -> Response:
         found = read_picture(monitor.drives, name, t_s)
         return Response(found[0], media_type=found[1]) if found else Response(status_code=204)
 

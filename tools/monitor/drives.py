@@ -146,12 +146,9 @@ def read_picture(folder: Path, name: str, t_s: float) -> tuple[bytes, str] | Non
 
     ConfigError: no such drive.
     """
-    with _opened(_path(folder, name)) as reader:
-        times = reader.iter_messages([topics.TELEMETRY.name], log_time_order=False)
-        first = next(times, None)
-        if first is None:
-            return None
-        at = first[2].log_time + topics.to_ns(t_s)
+    path, began_s = _began(folder, name)
+    at = topics.to_ns(began_s + t_s)
+    with _opened(path) as reader:
         pictures = reader.iter_messages(
             [topics.CAMERA.name],
             starting_at=max(0, at - topics.to_ns(PICTURE_AGE_S)),
