@@ -10,11 +10,12 @@ from typing import Any, cast
 
 import numpy as np
 from stable_baselines3.common.noise import ActionNoise
+from stable_baselines3.common.policies import ActorCriticPolicy
 from torch.nn.functional import cross_entropy
 from typing_extensions import override
 
 from trainer.algorithms import Algorithm, LearnConfig, Making, Shares, ddqn
-from trainer.learners.coach import Coach, find_coach
+from trainer.learners.coach import find_coach, told
 from trainer.learners.networks import ImitatingPolicy
 from trainer.learners.replay import off_policy
 from trainer.resumable import descend
@@ -39,7 +40,7 @@ class DaggerConfig(LearnConfig):
 class Dagger(ddqn.DoubleDQN):
     """``q_net`` gives the learner's logits; the target network lies idle."""
 
-    coach: Coach | None = None  # whom it imitates; without, the vehicle's own expert
+    coach: ActorCriticPolicy | None = None  # whom it imitates; without, the vehicle's own expert
     expert_steps = 1
     random_share = 0.0
     rng: np.random.Generator
@@ -51,8 +52,10 @@ class Dagger(ddqn.DoubleDQN):
         assert self.env is not None
         assert self._last_obs is not None
         env: Any = self.env.unwrapped  # has a world for who has a coach, and an expert
-        expert = env.expert_actions() if self.coach is None else self.coach.actions(env.world)
-        expert = expert.astype(np.int64)
+        if self.coach is None:
+            expert = env.expert_actions().astype(np.int64)
+        else:
+            expert, _ = self.coach.predict(told(env.world), deterministic=True)
         learner, _ = self.policy.predict(self._last_obs, deterministic=True)
         share = max(0.0, 1.0 - self.num_timesteps / self.expert_steps)
         taken = np.where(self.rng.random(n_envs) < share, expert, learner)

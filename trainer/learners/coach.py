@@ -30,17 +30,6 @@ GAMMA = 0.9  # a second ahead is enough to stay on a road
 _SPEED_MPS = 0.5  # of the world, that speeds are told in
 
 
-class Coach:
-    """What an actor that knows the true path would do."""
-
-    def __init__(self, policy: ActorCriticPolicy) -> None:
-        self._policy = policy
-
-    def actions(self, world: BatchWorld) -> np.ndarray:
-        """The likeliest choices (N,) int64 for the robots of a world."""
-        return self._policy.predict(told(world), deterministic=True)[0]
-
-
 def told(world: BatchWorld) -> np.ndarray:
     """What a coach knows of N robots: (N, PATH_POINTS + 1) path inputs of true poses, and speed."""
     task = world.task
@@ -56,14 +45,14 @@ def told_instead(env: DuckpilotVecEnv, reward_scale: float = 1.0) -> SeenOtherwi
     )
 
 
-def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> Coach:
-    """The coach in this file, taught for so many decisions if there is none."""
+def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:
+    """The coach in this file, taught for so many decisions if there is none; it sees what is `told`."""
     if not path.exists():
         policy = _teach(config, steps, console)
         with atomically(path) as temporary:
             policy.save(str(temporary))
     with reading(path, "the coach of this run", "; delete it, and it is taught again"):
-        return Coach(ActorCriticPolicy.load(str(path), device="cpu"))
+        return ActorCriticPolicy.load(str(path), device="cpu")
 
 
 def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:

@@ -2,14 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 from rich.console import Console
+from stable_baselines3.common.policies import ActorCriticPolicy
 
 from robot.contract import PATH_POINTS
 from robot.navigation.path import path_inputs
-from sim_pybullet.batch import BatchWorld
 from sim_pybullet.rendering.ray_camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from tests.sim_pybullet.racing.actions import RacingAction
@@ -18,7 +19,7 @@ from trainer.algorithms.dagger import Dagger
 from trainer.cli import main
 from trainer.config import RunConfig
 from trainer.envs import make_env
-from trainer.learners.coach import Coach, find_coach, told_instead
+from trainer.learners.coach import find_coach, told, told_instead
 from trainer.options import TrainOptions
 from trainer.run import RunFolder
 
@@ -54,13 +55,15 @@ def test_a_coach_is_told_the_true_path_and_the_speed() -> None:
     wrapped.close()
 
 
-def drives(coach: Coach | None, config: RunConfig) -> float:
+def drives(coach: ActorCriticPolicy | None, config: RunConfig) -> float:
     """Mean reward of a decision, by a coach or by lot."""
     env, rng = make_blind_env(config, 16, 7), np.random.default_rng(0)
     env.reset()
     rewards = []
     for _ in range(150):
-        chosen = rng.integers(9, size=16) if coach is None else coach.actions(env.world)
+        chosen = rng.integers(9, size=16)
+        if coach is not None:
+            chosen, _ = coach.predict(told(env.world), deterministic=True)
         rewards.append(env.step(chosen)[1].mean())
     env.close()
     return float(np.mean(rewards))
@@ -73,18 +76,18 @@ def test_is_taught_by_reward_once_and_then_found(tmp_path: Path) -> None:
     again = find_coach(tmp_path / "coach.pt", config, 0, QUIET)  # not taught again
     world = make_blind_env(config, 16, 3).world
     world.reset()
-    np.testing.assert_array_equal(again.actions(world), coach.actions(world))
+    np.testing.assert_array_equal(
+        *(each.predict(told(world), deterministic=True)[0] for each in (again, coach))
+    )
     world.close()
 
 
-class AlwaysRight(Coach):
-    """Whatever the world."""
+class AlwaysRight:
+    """Whatever it is told."""
 
-    def __init__(self) -> None:
-        pass
-
-    def actions(self, world: BatchWorld) -> np.ndarray:
-        return np.full(world.n_robots, int(RacingAction.RIGHT))
+    def predict(self, known: np.ndarray, deterministic: bool) -> tuple[np.ndarray, None]:
+        assert deterministic
+        return np.full(len(known), int(RacingAction.RIGHT)), None
 
 
 def test_what_the_coach_says_is_what_is_learned(tmp_path: Path) -> None:
@@ -92,7 +95,7 @@ def test_what_the_coach_says_is_what_is_learned(tmp_path: Path) -> None:
     env = make_env(config, config.learn.robots, 0)
     model = build_model(config, env, tmp_path / "replay")
     assert isinstance(model, Dagger)
-    model.coach = AlwaysRight()
+    model.coach = cast(ActorCriticPolicy, AlwaysRight())
     model.learn(1_500)
     assert model.replay_buffer is not None
     stored = model.replay_buffer.actions[:100]
