@@ -130,12 +130,11 @@ def read_drive(folder: Path, name: str) -> list[dict[str, Any]]:
     """
     reports: list[dict[str, Any]] = []
     path: Any = None
-    with _opened(_path(folder, name)) as reader:
-        began_ns = None
+    file, began_s = _began(folder, name)
+    with _opened(file) as reader:
         for _, _, message in reader.iter_messages([topics.TELEMETRY.name], log_time_order=False):
             report = json.loads(message.data)
-            began_ns = message.log_time if began_ns is None else began_ns
-            report["t_s"] = round((message.log_time - began_ns) / topics.NS, 3)
+            report["t_s"] = round(message.log_time / topics.NS - began_s, 3)
             path, report["path"] = report["path"], [] if report["path"] == path else report["path"]
             reports.append(report)
     return reports
