@@ -24,10 +24,10 @@ def action_space(world: BatchWorld, continuous: bool = False) -> spaces.Space[An
     return spaces.Discrete(len(world.task.vehicle.actions))
 
 
-def observation_space(world: BatchWorld) -> spaces.Space[Any]:
-    """The picture or stacked pictures, with ``path`` beside it in a Dict where the task guides."""
-    image = spaces.Box(0, 255, world.feed.shape, np.uint8)
-    if not world.task.guided:
+def observation_space(shape: tuple[int, ...], guided: bool) -> spaces.Space[Any]:
+    """Pictures of this shape (H, W, 3 F), beside them ``path`` in a Dict where a task guides."""
+    image = spaces.Box(0, 255, shape, np.uint8)
+    if not guided:
         return image
     path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
     return spaces.Dict({"image": image, "path": path})
@@ -94,7 +94,7 @@ class DriveVectorEnv(VectorEnv[Any, Any, Any]):
         self, world: BatchWorld, render_mode: str | None = None, continuous: bool = False
     ) -> None:
         self.world, self.render_mode, self.num_envs = world, render_mode, world.n_robots
-        self.single_observation_space = observation_space(world)
+        self.single_observation_space = observation_space(world.feed.shape, world.task.guided)
         self.single_action_space = action_space(world, continuous)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -188,7 +188,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ) -> None:
         self.world = world
         self.render_mode = render_mode
-        self.observation_space = observation_space(world)
+        self.observation_space = observation_space(world.feed.shape, world.task.guided)
         self.action_space = action_space(world, continuous)
         self._window: Any = None  # matplotlib's picture
         self._seen = np.zeros((*world.feed.shape[:2], 3), np.uint8)

@@ -22,8 +22,8 @@ class DuckpilotVecEnv(VecEnv):
         self.world = world
         self._actions = np.zeros(world.n_robots, dtype=int)
         self.render_mode = "rgb_array"
-        actions = action_space(world, continuous)
-        super().__init__(world.n_robots, observation_space(world), actions)
+        seen = observation_space(world.feed.shape, world.task.guided)
+        super().__init__(world.n_robots, seen, action_space(world, continuous))
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what the expert would do now, who knows the true poses."""

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from robot.contract import FIVE_ACTIONS
+from sim_pybullet import env
 from sim_pybullet.tasks.spec import find_task
 from trainer.algorithms import Making, find_algorithm
 from trainer.config import RunConfig
@@ -82,10 +82,5 @@ def policy_arguments(config: RunConfig) -> dict[str, Any]:
 
 def observation_space(config: RunConfig) -> spaces.Space:
     """What the policy of this run sees."""
-    height, width, channels = config.image.shape
-    spec = find_task(config.task)
-    image = spaces.Box(0, 255, (height, width, channels * spec.kind.frames), np.uint8)
-    if not spec.path_points:
-        return image
-    path = spaces.Box(-1.0, 1.0, (spec.path_points,), np.float32)
-    return spaces.Dict({"image": image, "path": path})
+    (height, width, channels), kind = config.image.shape, find_task(config.task).kind
+    return env.observation_space((height, width, channels * kind.frames), kind.guided)
