@@ -21,17 +21,14 @@ def manoeuvres(road_map: RoadMap) -> tuple[Path, ...]:
     of several such lanes the straightest counts. MapError if the map has neither.
     """
     graph = LaneGraph(road_map)
-    into: list[list[int]] = [[] for _ in range(graph.nodes)]
-    out: list[list[int]] = [[] for _ in range(graph.nodes)]
-    for lane, (start, end) in enumerate(graph.lane_nodes):
-        out[start].append(lane)
-        into[end].append(lane)
     found: dict[bool, list[Path]] = {False: [], True: []}  # by whether it is a junction
     for lane, (start, end) in enumerate(graph.lane_nodes):
         tile = road_map.tiles[graph.lanes[lane].tile_row][graph.lanes[lane].tile_column]
-        if tile.kind != "straight" and into[start] and out[end]:
+        into = [k for k, (_, after) in enumerate(graph.lane_nodes) if after == start]
+        out = [k for k, (before, _) in enumerate(graph.lane_nodes) if before == end]
+        if tile.kind != "straight" and into and out:
             straightest = partial(min, key=lambda near: abs(_turn_rad(graph, near)))
-            lanes = (straightest(into[start]), lane, straightest(out[end]))
+            lanes = (straightest(into), lane, straightest(out))
             if not graph.closed.intersection(lanes):
                 curves = [graph.lanes[each].control_points_m for each in lanes]
                 found[tile.is_junction].append(Path.from_beziers(curves))
