@@ -289,13 +289,8 @@ class Crowd:
     def _approach(
         self, poses: np.ndarray, points: np.ndarray, free_m: np.ndarray, ttc_s: np.ndarray
     ) -> Approach:
-        streets, shape = self._streets, free_m.shape
-        if not streets.junctions:
-            none = np.full(shape, NO_JUNCTION)
-            never = np.zeros(shape, dtype=bool)
-            return Approach(none, np.full(shape, np.inf), none, free_m, never, ttc_s)
-        inside = streets.junction_at(self.maps, poses[..., :2])
-        ahead = streets.junction_at(self.maps, points)
+        inside = self._streets.junction_at(self.maps, poses[..., :2])
+        ahead = self._streets.junction_at(self.maps, points)
         other = (ahead != NO_JUNCTION) & (ahead != inside[..., None])
         first = other.argmax(axis=-1)
         found = np.take_along_axis(ahead, first[..., None], axis=-1)[..., 0]

@@ -42,8 +42,6 @@ class Ducks:
 
     def step(self, robots: np.ndarray) -> None:
         """One decision on, among robots (G, R, 2) [m]."""
-        if not self.poses.size:
-            return
         heading = self.poses[..., 2]
         ahead = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
         looks_at = self.poses[..., :2] + _LOOK_M * ahead
