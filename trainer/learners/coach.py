@@ -46,7 +46,7 @@ def told_instead(env: DuckpilotVecEnv, reward_scale: float = 1.0) -> SeenOtherwi
 
 
 def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:
-    """The coach in this file, taught for so many decisions if there is none; it sees what is `told`."""
+    """The coach in this file, taught so many decisions if there is none; it sees what is `told`."""
     if not path.exists():
         policy = _teach(config, steps, console)
         with atomically(path) as temporary:
