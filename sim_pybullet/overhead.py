@@ -3,7 +3,6 @@
 Each pixel's ray meets the floor, or a sheet above it, at a known point: no mesh, no PyBullet.
 """
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -62,29 +61,18 @@ class OverheadCamera:
         even = np.ones((lens.height_px, lens.width_px, 3))
         self._light = (even if light is None else light(floor_m)).astype(np.float32)
         self._floor = self._sample_ground(floor_m) * self._light  # lit, sharp, float32
-        self._work = self._floor.copy()  # the same, with this picture's sheets
-        self._empty = cv2.convertScaleAbs(self._blurred(self._floor))
 
     def render(self, sheets: Iterable[Sheet], rng: np.random.Generator) -> np.ndarray:
         """One picture of the floor with these sheets on it, the higher above the lower."""
-        windows = [self._draw(sheet) for sheet in sorted(sheets, key=lambda s: s.height_m)]
-        picture = self._empty.copy()
-        reach = math.ceil(4.0 * self._blur_px) + 1
-        for u0, v0, u1, v1 in windows:
-            left, top = max(u0 - 2 * reach, 0), max(v0 - 2 * reach, 0)
-            drawn = self._blurred(self._work[top : v1 + 2 * reach, left : u1 + 2 * reach])
-            near = np.s_[max(v0 - reach, 0) : v1 + reach, max(u0 - reach, 0) : u1 + reach]
-            inner = drawn[near[0].start - top :, near[1].start - left :]
-            target = picture[near]
-            target[:] = cv2.convertScaleAbs(inner[: target.shape[0], : target.shape[1]])
-        for u0, v0, u1, v1 in windows:
-            self._work[v0:v1, u0:u1] = self._floor[v0:v1, u0:u1]
+        lit: np.ndarray = self._floor.copy()
+        for sheet in sorted(sheets, key=lambda s: s.height_m):
+            self._draw(lit, sheet)
+        if self._blur_px > 0.0:
+            lit = cv2.GaussianBlur(lit, (0, 0), self._blur_px)
+        picture = cv2.convertScaleAbs(lit)
         if self._noise > 0.0:
             _add_noise(picture, self._noise, rng)
         return picture
-
-    def _blurred(self, lit: np.ndarray) -> np.ndarray:
-        return cv2.GaussianBlur(lit, (0, 0), self._blur_px) if self._blur_px > 0.0 else lit
 
     def _sample_ground(self, floor_m: np.ndarray) -> np.ndarray:
         ground = self._ground
@@ -97,8 +85,8 @@ class OverheadCamera:
         drawn = cv2.remap(smooth, column, row, cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, outside)
         return drawn.astype(np.float32)
 
-    def _draw(self, sheet: Sheet) -> tuple[int, int, int, int]:
-        """Paint a sheet into the working picture; the slice u0, v0, u1, v1 that it changed."""
+    def _draw(self, lit: np.ndarray, sheet: Sheet) -> None:
+        """Paint a sheet into a sharp picture (H, W, 3) float32."""
         half = 0.5 * np.array([sheet.length_m, sheet.width_m])
         corners = sheet.pose.to_world(half * [[1, 1], [1, -1], [-1, -1], [-1, 1]])
         outline = self.rig.to_pixels(np.column_stack((corners, np.full(4, sheet.height_m))))
@@ -106,7 +94,7 @@ class OverheadCamera:
         low = np.clip(np.floor(outline.min(axis=0)) - 1, 0, limit).astype(int)
         high = np.clip(np.ceil(outline.max(axis=0)) + 2, 0, limit).astype(int)
         if np.any(high <= low):
-            return (0, 0, 0, 0)
+            return
         n = OVERSAMPLE if sheet.rgb.size > 3 else OVERSAMPLE // 2
         height, width = sheet.rgb.shape[:2]
         texture = np.dstack((sheet.rgb, np.full((height, width), 255, np.uint8)))
@@ -120,9 +108,8 @@ class OverheadCamera:
         size = (int(high[0] - low[0]), int(high[1] - low[1]))
         drawn = cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         slices = np.s_[low[1] : high[1], low[0] : high[0]]
-        below = self._work[slices] * (1.0 - drawn[..., 3:] / 255.0)
-        self._work[slices] = below + drawn[..., :3] * self._light[slices]
-        return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+        below = lit[slices] * (1.0 - drawn[..., 3:] / 255.0)
+        lit[slices] = below + drawn[..., :3] * self._light[slices]
 
 
 @lru_cache(maxsize=2)
