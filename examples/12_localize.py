@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 from folder import out
 
-from localizer_node.calibration import Board, Marker
+from localizer_node.calibration import Board, Calibration, Marker
 from localizer_node.detect import annotated
 from localizer_node.node import locate_frame
 from robot.geometry import Pose
 from robot.navigation.road_map import load_map
 from sim_pybullet.look import Look
-from sim_pybullet.overhead import OverheadCamera, known_calibration, robot_sheets
+from sim_pybullet.overhead import OverheadCamera, robot_sheets
 from sim_pybullet.scenery.objects import build_scene
 
 arena = load_map("arena")
@@ -24,7 +24,8 @@ poses = {"ann": Pose(0.35, 1.5, math.pi / 2), "bob": Pose(1.4, 0.31, 0.0)}
 sheets = [s for one in (ann, bob) for s in robot_sheets(one, poses[one.robot])]
 image = camera.render(sheets, rng)
 
-calibration = known_calibration(camera, (ann, bob), (arena.width_m, arena.height_m))
+size_m = (arena.width_m, arena.height_m)
+calibration = Calibration(camera.lens, camera.hanging, map_size_m=size_m, robots=(ann, bob))
 found = locate_frame(image, calibration)  # yours: load_yaml(Calibration, "arena.yaml")
 for one in found:
     true = poses[one.robot]

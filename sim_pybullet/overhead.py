@@ -10,7 +10,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from localizer_node.calibration import Calibration, Marker
+from localizer_node.calibration import Marker
 from localizer_node.detect import draw_tag
 from robot.geometry import Pose
 from robot.lens import CameraRig, Hanging, Lens
@@ -155,11 +155,3 @@ def robot_sheets(marker: Marker, pose: Pose, board: np.ndarray | None = None) ->
     rgb = board_rgb(marker) if board is None else board
     size = (marker.board.length_m, marker.board.width_m, top)
     return [*slices, Sheet(Pose(x_m, y_m, pose.heading_rad), *size, rgb)]
-
-
-def known_calibration(
-    camera: OverheadCamera, robots: tuple[Marker, ...], map_size_m: tuple[float, float]
-) -> Calibration:
-    """The exact calibration of a drawn camera, where nobody calibrates it."""
-    place = camera.lens, camera.hanging
-    return Calibration(*place, map_size_m=map_size_m, robots=robots, residual_mm=0.0)

@@ -3,13 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from localizer_node.calibration import Marker
+from localizer_node.calibration import Calibration, Marker
 from robot.geometry import Pose
 from sim_pybullet.overhead import (
     Hanging,
     OverheadCamera,
     board_rgb,
-    known_calibration,
     robot_sheets,
 )
 from sim_pybullet.scene import Ground
@@ -39,8 +38,8 @@ def test_pixels_and_places_are_inverse(bare):
         assert np.allclose(bare.rig.to_floor(pixel, place[2]), place[:2], atol=1e-9)
 
 
-def test_its_known_calibration_is_the_camera(bare):
-    rectifier = known_calibration(bare, (), (2.2, 2.64))
+def test_a_calibration_of_its_lens_and_place_is_the_camera(bare):
+    rectifier = Calibration(bare.lens, bare.hanging)
     places = np.array([[0.1, 0.1, 0.12], [2.0, 2.5, 0.12], [1.1, 1.3, 0.12]])
     assert np.allclose(
         rectifier.to_pixels(places[:, :2], 0.12), bare.rig.to_pixels(places), atol=1e-6

@@ -11,7 +11,7 @@ from robot.geometry import Pose
 from robot.lens import Hanging
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
-from sim_pybullet.overhead import OverheadCamera, Sheet, board_rgb, known_calibration, robot_sheets
+from sim_pybullet.overhead import OverheadCamera, Sheet, board_rgb, robot_sheets
 from sim_pybullet.scene import Mover
 from sim_pybullet.traffic.crowd import duck_solids, robot_solids
 from sim_pybullet.virtual.hat import VirtualHat
@@ -96,7 +96,9 @@ class VirtualTown(VirtualRobot):
             markers += [other, DUCK]
         size_m = (road_map.width_m, road_map.height_m)
         self._above = OverheadCamera(self.world.scene.ground, _over(*size_m))
-        self.calibration: Calibration = known_calibration(self._above, tuple(markers), size_m)
+        place = self._above.lens, self._above.hanging
+        robots = tuple(markers)
+        self.calibration = Calibration(*place, map_size_m=size_m, robots=robots, residual_mm=0.0)
         self.overhead = PictureServer(
             folder / "overhead", self.see_above, lambda: time.woken("localizer")
         )
