@@ -124,6 +124,7 @@ def figure5_command(
         out: folder for frames, translator, runs, figure5.json and figure5.png.
     """
     from robot.output import write_json
+    from robot.typed_config import to_plain
     from trainer.experiments.figure5 import as_table, draw_figure, gather, trainings, translator
 
     console = Console(soft_wrap=True)
@@ -131,8 +132,9 @@ def figure5_command(
     status = run_sweep(jobs, workers, console)
     if status != 0:
         return status
-    found = gather(out, options)
-    write_json(out / "figure5.json", found)
-    draw_figure(found, out / "figure5.png")
-    console.print(as_table(found))
+    curves = gather(out, options)
+    told = {"options": to_plain(options), "curves": to_plain(curves), "schema": 1}
+    write_json(out / "figure5.json", told)
+    draw_figure(options, curves, out / "figure5.png")
+    console.print(as_table(options, curves))
     return 0

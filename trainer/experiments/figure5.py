@@ -5,6 +5,7 @@ same look. One learns right there (the paper's "Oracle"), the others on another 
 looks: seen through a translator into the look of the test, in ten looks, or as it is.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -94,17 +95,8 @@ class Curve:
     success: tuple[float, ...]  # likewise, share of laps driven to the end
 
 
-@dataclass(frozen=True)
-class Figure5:
-    """``figure5.json``."""
-
-    options: Figure5Options
-    curves: tuple[Curve, ...]  # in the order of `VARIANTS`
-    schema: int = 1
-
-
-def gather(out: Path, options: Figure5Options) -> Figure5:
-    """What all trainings have recorded."""
+def gather(out: Path, options: Figure5Options) -> list[Curve]:
+    """What all trainings have recorded, in the order of `VARIANTS`."""
     curves = []
     for name in VARIANTS:
         runs = [RunFolder(out / f"{name}_{seed}") for seed in range(options.seeds)]
@@ -119,15 +111,14 @@ def gather(out: Path, options: Figure5Options) -> Figure5:
                 tuple(float(np.mean([e.success_rate for e in end])) for end in ends),
             )
         )
-    return Figure5(options, tuple(curves))
+    return curves
 
 
-def as_table(found: Figure5) -> RichTable:
+def as_table(asked: Figure5Options, curves: Sequence[Curve]) -> RichTable:
     """A row for each kind of driver, in the paper's order."""
-    asked = found.options
     title = f"{asked.algo} on {asked.test_map} in {asked.test_look}, {asked.steps:,} steps"
     table = RichTable("driver", "reward of a lap", "each seed", "laps driven", title=title)
-    for curve in found.curves:
+    for curve in curves:
         mean, margin = np.mean(curve.learned), float(half_interval(np.array(curve.learned)))
         each = ", ".join(f"{reward:.1f}" for reward in curve.learned)
         laps = f"{np.mean(curve.success):.0%}"
@@ -144,11 +135,11 @@ def on_common_steps(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
     return grid, np.array([np.interp(grid, steps, rewards) for steps, rewards in pairs])
 
 
-def draw_figure(found: Figure5, path: Path) -> None:
+def draw_figure(options: Figure5Options, curves: Sequence[Curve], path: Path) -> None:
     """Write the picture: seeds as thin lines, their means with Student's 95 % intervals."""
     figure = Figure(figsize=(7.2, 4.2), layout="constrained")
     axis = figure.subplots()
-    for curve in found.curves:
+    for curve in curves:
         grid, rewards = on_common_steps(curve)
         mean, half = rewards.mean(axis=0), half_interval(rewards)
         label, colour = VARIANTS[curve.variant]
@@ -156,8 +147,7 @@ def draw_figure(found: Figure5, path: Path) -> None:
         if len(rewards) > 1:
             axis.plot(grid, rewards.T, color=colour, linewidth=0.6)
             axis.fill_between(grid, mean - half, mean + half, color=colour, alpha=0.15, linewidth=0)
-    options = found.options
-    seen = [reward for curve in found.curves for seed in curve.rewards for reward in seed]
+    seen = [reward for curve in curves for seed in curve.rewards for reward in seed]
     room = 0.1 * (max(seen) - min(seen)) + 0.1  # intervals of few seeds would fill any picture
     axis.set(
         ylim=(min(seen) - room, max(seen) + room),
