@@ -132,10 +132,9 @@ class Task(ABC):
             most_rad = self._spread * START_HEADING_RAD
             heading_rad = rng.uniform(-most_rad, most_rad)
             self._start(i, path, m, arc_m, offset_m, heading_rad)
-            x_m, y_m, along_rad = path.pose_at(arc_m)
-            x_m -= offset_m * math.sin(along_rad)
-            y_m += offset_m * math.cos(along_rad)
-            poses[k] = x_m, y_m, wrap_angle(along_rad + heading_rad)
+            place = path.pose_at(arc_m)
+            poses[k, :2] = place.to_world(np.array((0.0, offset_m)))
+            poses[k, 2] = wrap_angle(place.heading_rad + heading_rad)
         return poses
 
     def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> None:
