@@ -27,6 +27,7 @@ from robot.hat.bus import SocketBus
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.inference.policy import OnnxPolicy
+from robot.navigation.path import Path as LanePath
 from robot.navigation.road_map import load_map
 from sim_pybullet.overhead import OVERHEAD_LENS
 from sim_pybullet.virtual.hat import VirtualHat
@@ -214,7 +215,7 @@ def test_a_stick_and_its_wheels_are_the_same_thing() -> None:
 
 
 def test_a_hand_steers_back_to_its_way_and_slower_in_bends() -> None:
-    way = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)]
+    way = LanePath.from_beziers([np.linspace((0.0, 0.0), (2.0, 0.0), 4)])
     assert aim(way, Pose(0.5, 0.0, 0.0)).stick == pytest.approx((0.0, 1.0))
     right_of_it, left_of_it = (aim(way, Pose(0.5, y_m, 0.0)) for y_m in (-0.05, 0.05))
     assert right_of_it.stick.steer > 0.1

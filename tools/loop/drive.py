@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,13 +23,14 @@ from robot.contract import Stick
 from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.inference.policy import read_contract
+from robot.navigation.path import Path as LanePath
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder, expect_writable, write_json
 from robot.typed_config import read_json
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.cli import LoopOptions
-from tools.loop.missions import ANSWER_S, DAWDLE_MPS, Driver, Line, MissionRecord, distance_m
+from tools.loop.missions import ANSWER_S, DAWDLE_MPS, Driver, MissionRecord, distance_m
 from tools.loop.sites import Site, sites_of
 from tools.video import DriveFilm, Moment
 
@@ -46,26 +48,20 @@ class Aim(NamedTuple):
 
     stick: Stick
     left_m: float
+    hint: int  # of where on the path it is, for the next time
 
 
-def aim(line_m: Line, pose: Pose, aside_m: float = 0.0) -> Aim:
-    """Steer for a point of a line through (M, 2) [m], ``aside_m`` to the left of it.
+def aim(way: LanePath, pose: Pose, aside_m: float = 0.0, hint: int | None = None) -> Aim:
+    """Steer for a point of a path, ``aside_m`` to the left of it; ``hint``: of `Path.project`.
 
     Pure pursuit (Coulter 1992), slower in bends.
     """
-    line = np.asarray(line_m, dtype=float)
-    arc_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))))
-    every_m = np.arange(0.0, arc_m[-1] + AHEAD_M, 0.01)
-    points = np.stack([np.interp(every_m, arc_m, column) for column in line.T], axis=1)
-    at = int(np.hypot(*(points - pose[:2]).T).argmin())
-    i = min(at + round(AHEAD_M / 0.01), len(points) - 1)
-    along = points[i] - points[max(i - 5, 0)]
-    left = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-6)
-    x_m, y_m = pose.to_robot(points[i] + aside_m * left)
+    at = way.project(pose.x_m, pose.y_m, hint)
+    x_m, y_m = pose.to_robot(way.pose_at(at.arc_m + AHEAD_M).to_world(np.array([0.0, aside_m])))
     bend = 2.0 * y_m / max(x_m * x_m + y_m * y_m, 1e-6) / HARD_PER_M
     speed = 1.0 / (1.0 + abs(bend))
     stick = Stick(float(np.clip(bend * speed, -1.0, 1.0)), speed)
-    return Aim(stick, float(arc_m[-1] - every_m[at]))
+    return Aim(stick, way.length_m - at.arc_m, at.index)
 
 
 class Expert(Driver):
@@ -75,17 +71,17 @@ class Expert(Driver):
         """See `Driver`."""
         record = self._draw(destination)
         operator, bench = self.bench.operator, self.bench
-        way = plan_path(self._graph, bench.town.pose, record.destination).points_m
+        way = plan_path(self._graph, bench.town.pose, record.destination)
         self.rest()
         accepted, record.reason = operator.ask("arm")
-        began_s, left_m = bench.now_s, record.length_m
+        began_s, left_m, hint = bench.now_s, record.length_m, 0
         late_s = began_s + record.length_m / DAWDLE_MPS
         while accepted and left_m > THERE_M and bench.now_s < late_s:
             wave = math.sin(2.0 * math.pi * left_m / WAVE_M)
-            stick, left_m = aim(way, bench.town.pose, WANDER_M * wave)
+            stick, left_m, hint = aim(way, bench.town.pose, WANDER_M * wave, hint)
             operator.steer(stick)
             self._look()
-            record.offsets_m.append(distance_m(way, bench.town.pose))
+            record.offsets_m.append(distance_m(way.points_m, bench.town.pose))
             if operator.state in ("HOLD", "FAULT"):
                 record.reason, record.stop = operator.reason, self._standing()
                 break
@@ -110,8 +106,9 @@ class Person(Driver):
         if began_s - self.strayed_s < NOTICES_S:
             return phase
         goal = tuple(self.bench.operator.mission["destination"])
+        way = LanePath.from_beziers([*np.linspace(path[:-1], path[1:], 4, axis=1)])
         while off_m > BACK_M and self.bench.now_s < began_s + LONGEST_S:
-            self.bench.operator.steer(aim(path, self.bench.town.pose).stick)
+            self.bench.operator.steer(aim(way, self.bench.town.pose).stick)
             super()._look()
             off_m = distance_m(path, self.bench.town.pose)
         self.bench.operator.ask("mission", goal)
@@ -175,22 +172,13 @@ def expect_navigator(model: Path) -> None:
         )
 
 
-def filming(film: DriveFilm, bench: Bench) -> Callable[[], None]:
-    """What takes a picture of a bench when it is time: what the page shows, and the truth."""
-    film.turn_to(bench.town.world.scene.ground)
-    due_s: float | None = None
-
-    def watch() -> None:
-        nonlocal due_s
-        due_s = bench.now_s if due_s is None else due_s
-        if bench.now_s < due_s or not bench.operator.picture:
-            return
-        due_s += EVERY_S
-        if bench.operator.mission.get("phase") != "driving":
-            film.map.trail.clear()
+def take_picture(film: DriveFilm, bench: Bench) -> None:
+    """Film what the page shows now, and the truth."""
+    bench.operator.look()
+    if bench.operator.mission.get("phase") != "driving":
+        film.map.trail.clear()
+    if bench.operator.picture:
         film.add(moment(bench))
-
-    return watch
 
 
 def moment(bench: Bench) -> Moment:
@@ -235,12 +223,14 @@ def _drive_at(
         folder / str(driven),
     )
     rng = np.random.default_rng((options.seed, driven))
-    watching = () if film is None else (filming(film, bench),)
-    driver = DRIVERS[options.driver](bench, rng, *watching)
+    driver = DRIVERS[options.driver](bench, rng)
     first = None if driven else options.place("start")
     start = driver.on_lane(*first) if first else driver.anywhere()
     bench.town.world.place(start)
     with bench:
+        if film is not None:
+            film.turn_to(bench.town.world.scene.ground)
+            bench.time.every(EVERY_S, partial(take_picture, film, bench))
         while len(rows) < until:
             began_s, lived_s = time.monotonic(), bench.now_s
             lost = len(rows) > driven and not rows[-1]["arrived"]

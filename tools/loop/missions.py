@@ -2,7 +2,7 @@
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -60,10 +60,8 @@ class MissionRecord:
 class Driver:
     """Sends the robot of a bench on missions."""
 
-    def __init__(
-        self, bench: Bench, rng: np.random.Generator, watch: Callable[[], None] = lambda: None
-    ) -> None:
-        self.bench, self._rng, self._watch = bench, rng, watch
+    def __init__(self, bench: Bench, rng: np.random.Generator) -> None:
+        self.bench, self._rng = bench, rng
         self._graph = LaneGraph(bench.road_map)
         self._truth: list[tuple[float, Pose]] = []  # when [s], and where it was
         self._judged = -1
@@ -167,7 +165,6 @@ class Driver:
         """A turn of the page; the phase of the mission."""
         self._truth.append((self.bench.now_s, self.bench.town.pose))
         self.bench.operator.turn()
-        self._watch()
         return str(self.bench.operator.mission.get("phase", ""))
 
     def _found(self) -> bool:
