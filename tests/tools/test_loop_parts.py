@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import signal
 import socket
 import threading
@@ -212,6 +213,18 @@ def test_a_stick_and_its_wheels_are_the_same_thing() -> None:
         assert Stick.of(WheelSpeeds(*wheels)).wheels == pytest.approx(wheels)
     assert Stick(1.0, 0.6).wheels == pytest.approx((0.0576, 0.3024)), "hard left"
     assert Stick(0.0, 1.0).wheels == pytest.approx((0.3, 0.3)), "straight on"
+
+
+def test_a_hand_knows_which_way_it_is_on_where_a_path_crosses_itself() -> None:
+    corners = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (1.0, 1.0), (1.0, -1.0)]
+    way = LanePath.from_beziers([np.linspace(a, b, 4) for a, b in itertools.pairwise(corners)])
+    hint = 0
+    for arc_m in np.arange(0.0, way.length_m, 0.05):
+        at = way.pose_at(arc_m)
+        beside = Pose(*at.to_world(np.array([0.0, 0.03])), at.heading_rad)
+        steered = aim(way, beside, hint=hint)
+        hint = steered.hint
+        assert way.length_m - steered.left_m == pytest.approx(arc_m, abs=0.06)
 
 
 def test_a_hand_steers_back_to_its_way_and_slower_in_bends() -> None:
