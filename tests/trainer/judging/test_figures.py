@@ -7,7 +7,7 @@ import pytest
 
 from sim_pybullet.batch import DriveMetrics
 from trainer.judging.evaluate import Drive, summarise
-from trainer.judging.intervals import wilson_low
+from trainer.judging.intervals import share
 from trainer.options import EvaluateOptions
 
 DRIVES = [
@@ -46,4 +46,4 @@ def test_a_race_cars_speed_is_that_on_the_real_track() -> None:
     ("successes", "episodes", "low"), [(15, 20, 0.5313), (98, 100, 0.9300), (1, 2, 0.0945)]
 )
 def test_wilsons_interval(successes: int, episodes: int, low: float) -> None:
-    assert wilson_low(successes, episodes) == pytest.approx(low, abs=1e-4)
+    assert share(successes, episodes).low == pytest.approx(low, abs=1e-4)
