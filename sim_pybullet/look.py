@@ -5,7 +5,7 @@ Colours are (r, g, b) in 0..255. A Look is read from and written to YAML; random
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Literal, get_type_hints
 
 from robot.contract import FRAME_WIDTH_PX
@@ -174,7 +174,8 @@ class Look:
             cy_px=lens.cy_px + c.centre_down_px * lens.width_px / FRAME_WIDTH_PX,
             distortion=tuple(k * c.distortion_scale for k in lens.distortion),
         )
-        return CameraRig(changed, c)
+        mount = Mount(**{each.name: getattr(c, each.name) for each in fields(Mount)})
+        return CameraRig(changed, mount)
 
 
 NOMINAL = Look()
