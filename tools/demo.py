@@ -68,6 +68,11 @@ def summarise(out: Path, total_s: float) -> dict[str, Any]:
     training, evaluation, loop, navigation = (read_json(out / f"{name}.json") for name in names)
     return {
         "schema": 1,
+        "inputs": {
+            "map": " ".join(told["learned_on"]),
+            "algo": "dueling",
+            "episodes": told["episodes"],
+        },
         "train_seconds": training["train_seconds"],
         "train_steps": training["train_steps"],
         "learned_on": told["learned_on"],
@@ -85,7 +90,7 @@ def show(metrics: dict[str, Any], out: Path, console: Console) -> None:
     from rich.table import Table
 
     table = Table(title="duckpilot demo", show_header=False)
-    for name in [*metrics][1:]:
+    for name in [*metrics][2:]:
         value = metrics[name]
         told = ", ".join(value) if isinstance(value, list) else value
         shown = f"{told:.4g}" if isinstance(told, float) else str(told)
