@@ -15,7 +15,8 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_STEPS
-from sim_pybullet.rendering.ray_camera import NoCamera, RayCamera
+from sim_pybullet.rendering.batch_camera import BatchCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.sensing.guidance_feed import ALWAYS, GuidanceFeed, PoseSources
 from sim_pybullet.tasks.spec import Course, Task, TaskStep
@@ -57,6 +58,8 @@ class BatchWorld:
 
     Args:
         pool_size: painted worlds per map, with a sampler of Looks.
+        camera: in place of a `RayCamera`; where it draws on a device of torch, the images of
+            observations are tensors there, all episodes are drawn, and nobody has sight.
         numbers: of the episodes; without it they have none and never end, see
             `sim_pybullet.episodes`.
         translator: what every picture passes through before the policy sees it.
@@ -71,7 +74,7 @@ class BatchWorld:
         image: ImageSpec | None = None,
         seed: int = 0,
         pool_size: int = 16,
-        camera: NoCamera | None = None,
+        camera: BatchCamera | None = None,
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
         sources: PoseSources = ALWAYS,
@@ -236,9 +239,7 @@ class BatchWorld:
         if self._blank_in_junctions:
             image[self._shown_junctions(robots)] = 0
         if begun is None and self.guidance is not None:
-            whole = np.zeros((self.n_robots, *image.shape[1:3], 3), np.uint8)
-            whole[robots] = image[..., -3:]
-            self.guidance.see(whole, self.feed.fresh, self.task.maps)
+            self.guidance.see(image[..., -3:], robots, self.feed.fresh, self.task.maps)
         path = None if self.guidance is None else self.guidance.path_inputs(self.task.paths)
         if path is not None and not everyone:
             path = path[robots]

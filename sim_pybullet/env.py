@@ -55,7 +55,7 @@ def as_space_member(observation: Observation, i: int | None = None) -> Any:
     """All robots' observations in the form of the space; or one's, in arrays of its own."""
     image, path = observation
     if i is not None:
-        image, path = image[i].copy(), None if path is None else path[i].copy()
+        image, path = image[[i]][0], None if path is None else path[i].copy()
     return image if path is None else {"image": image, "path": path}
 
 

@@ -25,6 +25,11 @@ class DuckpilotVecEnv(VecEnv):
         seen = observation_space(world.feed.shape, world.task.guided)
         super().__init__(world.n_robots, seen, action_space(world, continuous))
 
+    @property
+    def device(self) -> str | None:
+        """Where pictures are tensors, see `sim_pybullet.rendering.batch_camera`."""
+        return self.world.feed.device
+
     def expert_actions(self) -> np.ndarray:
         """(N,) what the expert would do now, who knows the true poses."""
         return self.world.expert_actions()

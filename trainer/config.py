@@ -66,7 +66,9 @@ class RunConfig:
     true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.world`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     entropy_left: float = 1.0  # of the weight of the actor's entropy, after 60 % of the steps
-    device: str = "cpu"  # of the network: cpu, cuda or auto
+    device: str = (
+        "cpu"  # of pictures and network: cpu, cuda, or auto, which is cuda if there is one
+    )
     workers: int = 1  # processes that learn together, see `trainer.training.crew`
     threads: int = 1  # of torch: a second process gains more than a second thread
 
@@ -78,6 +80,7 @@ class RunConfig:
             names = shares.divided if shares else ()
             what = ", ".join(f"{name} {getattr(self.learn, name)}" for name in names) or "1"
             raise ConfigError(f"workers: expected a number that divides {what}, got {self.workers}")
+        expect_one_of("device", self.device, ("cpu", "cuda", "auto"))
         expect_one_of("style", self.style, task.styles or ("race",))
         expect_one_of("lane", self.lane, task.lanes or ("outer",))
         if not (self.seconds is None or self.seconds > 0):

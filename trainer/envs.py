@@ -4,15 +4,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import torch
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from robot.errors import ConfigError
 from robot.inference.policy import open_translator
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.rendering.ray_camera import NoCamera
+from sim_pybullet.rendering.batch_camera import BatchCamera
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.vec_env import DuckpilotVecEnv
+from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
 from trainer.division import refuse_judging_look, refuse_judging_maps
 
@@ -20,7 +23,7 @@ _FEWEST_LOOKS = 4  # of each map
 
 
 def make_env(
-    config: RunConfig, robots: int, seed: int, camera: NoCamera | None = None
+    config: RunConfig, robots: int, seed: int, camera: BatchCamera | None = None
 ) -> DuckpilotVecEnv:
     """The world of a run with so many robots; rewards are the task's own.
 
@@ -36,7 +39,25 @@ def make_env(
     painted = spec.painted // config.workers  # each process of a run paints its own
     pool_size = max(painted // len(task.road_maps), _FEWEST_LOOKS)
     translator = open_translator(config.translate, image) if config.translate else None
+    if camera is None and draws_on_gpu(config):
+        from sim_pybullet.rendering.torch_camera import TorchCamera
+
+        camera = TorchCamera(image, robots, task.movers)
     return DuckpilotVecEnv(BatchWorld(task, looks, image, seed, pool_size, camera, translator))
+
+
+def draws_on_gpu(config: RunConfig) -> bool:
+    """Whether pictures are drawn where the network is: on a GPU, unless arrays are wanted of them.
+
+    ConfigError: a GPU is asked for, and there is none.
+    """
+    if config.device == "cpu":
+        return False
+    found = torch.cuda.is_available()
+    if config.device == "cuda" and not found:
+        raise ConfigError("device: expected cpu or auto, since torch finds no GPU here; got 'cuda'")
+    arrays = config.translate or config.relit or find_algorithm(config.algorithm).shares is None
+    return found and not arrays
 
 
 def parts_of(observation: Any) -> dict[str, Any]:
@@ -44,7 +65,7 @@ def parts_of(observation: Any) -> dict[str, Any]:
     return dict(observation) if isinstance(observation, dict) else {"image": observation}
 
 
-def image_changed(observation: Any, change: Callable[[np.ndarray], np.ndarray]) -> Any:
+def image_changed(observation: Any, change: Callable[[Any], Any]) -> Any:
     """What robots see, pictures or a dict with them as ``image``, the pictures changed."""
     if isinstance(observation, dict):
         return {**observation, "image": change(observation["image"])}

@@ -46,6 +46,7 @@ class TrainOptions:
     rate_left: float | None = None  # Share of the learning rate at the end; else the preset's.
     start_spread: float | None = None  # Times as far off its path robots start; else the preset's.
     true_path: float | None = None  # Weight of telling the true path, too; else the preset's.
+    device: str | None = None  # Where it draws and learns: cpu, cuda or auto; else the preset's.
     full: bool = False  # Use all the steps, even when the task has been learned.
 
     def config(self) -> RunConfig:
@@ -70,7 +71,7 @@ class TrainOptions:
         if self.full:
             judging = replace(judging, stop_after_perfect=0)
         same = ("seed", "lane", "look", "without", "pose_error", "translate")
-        else_the_presets = ("steps", "seconds", "rate_left", "start_spread", "true_path")
+        else_the_presets = ("steps", "seconds", "rate_left", "start_spread", "true_path", "device")
         given = [name for name in else_the_presets if getattr(self, name) is not None]
         changes = {name: getattr(self, name) for name in (*same, *given)}
         image = _seen_through(self.translate, config.image)

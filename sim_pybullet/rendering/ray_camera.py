@@ -38,7 +38,7 @@ class RigTables:
         height, width, _ = image.shape
         self._image = image
         self._wanted: list[FloorTable | None] = [None] * n_robots
-        self._stored: list[FloorTable | None] = [None] * n_robots
+        self.stored: list[FloorTable | None] = [None] * n_robots  # what each slot holds
         self.slots = np.zeros(n_robots, np.int64)
         self.floor = FloorTable(  # of all slots
             np.zeros((n_robots, 4, height * width), np.float32),
@@ -53,14 +53,14 @@ class RigTables:
         """Let robot ``i`` see through this rig, over a floor of this texel size."""
         floor = floor_table(rig, self._image, texel_m)
         self._wanted[i] = floor
-        for slot, stored in enumerate(self._stored):
+        for slot, stored in enumerate(self.stored):
             if stored is floor:
                 self.slots[i] = slot
                 return
         used = {id(table) for table in self._wanted if table is not None}
-        slot = next(k for k, stored in enumerate(self._stored) if id(stored) not in used)
+        slot = next(k for k, stored in enumerate(self.stored) if id(stored) not in used)
         self.slots[i] = slot
-        self._stored[slot] = floor
+        self.stored[slot] = floor
         self.floor = self.floor._replace(runs=_with_room(self.floor.runs, len(floor.runs)))
         self.floor.points[slot], self.floor.first_run[slot] = floor.points, floor.first_run
         self.floor.runs[slot, : len(floor.runs)] = floor.runs
@@ -82,6 +82,8 @@ class RayCamera:
     ``Ground`` and light its packed floor. Neither may be changed in place after it was given.
     ``movers`` are drawn in every scene, where each picture's poses of them say.
     """
+
+    device: str | None = None  # its pictures are arrays
 
     def __init__(self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = ()) -> None:
         self._image = image
@@ -173,13 +175,21 @@ class RayCamera:
     def _draw_solids(
         self, pictures: np.ndarray, poses: np.ndarray, robots: np.ndarray, movers: np.ndarray | None
     ) -> None:
+        views = self._solid_views(poses, robots, movers)
+        if views is not None:
+            draw_solids(pictures, views)
+
+    def _solid_views(
+        self, poses: np.ndarray, robots: np.ndarray, movers: np.ndarray | None
+    ) -> SolidViews | None:
+        """What stands around the robots; None where no world has solids."""
         if not self._rows.size:
-            return
+            return None
         tables, first = self._tables, robots * self._rows.shape[1]
         rows, last = self._rows.reshape(-1, 13), first + self._counts[robots]
         if movers is not None:
             place_movers(rows, last, self._parts, self._owners, movers)
-        views = SolidViews(
+        return SolidViews(
             poses,
             self._eyes[robots],
             self._lights[robots],
@@ -191,13 +201,12 @@ class RayCamera:
             tables.cells,
             tables.pixel_rad,
         )
-        draw_solids(pictures, views)
 
 
 class NoCamera:
     """In the place of a `RayCamera` for who needs no pictures: black dots."""
 
-    shape = (1, 1, 3)
+    shape, device = (1, 1, 3), None
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Nothing to do."""

@@ -87,15 +87,42 @@ def _in_sight(views: SolidViews, i: np.int64) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True)
+def _light(views: SolidViews, i: np.int64) -> np.ndarray:
+    """Light (5,) in the robot's axes."""
+    light = views.lights[i].copy()
+    c, s = math.cos(views.poses[i, 2]), math.sin(views.poses[i, 2])
+    light[0], light[1] = c * light[0] + s * light[1], c * light[1] - s * light[0]
+    return light
+
+
+@njit(parallel=True, nogil=True, cache=True)
+def in_sight(
+    views: SolidViews, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """What N cameras see of up to ``most`` solids each, for who meets them with rays elsewhere.
+
+    Rows (N, K, 13) as `to_camera`, boxes (N, K, 4) as `pixel_box`, colours (N, K, 3) as
+    `face_colours`, lights (N, 5) in the robots' axes, and which (N, K) of these are in sight.
+    """
+    n = len(views.poses)
+    rows, boxes = np.zeros((n, most, views.rows.shape[1])), np.zeros((n, most, 4), np.int64)
+    colours, lights = np.zeros((n, most, 3), np.uint32), np.zeros((n, 5))
+    seen = np.zeros((n, most), np.bool_)
+    for i in prange(n):
+        mine, around = _in_sight(views, np.int64(i))
+        lights[i], count = _light(views, np.int64(i)), len(mine)
+        rows[i, :count], boxes[i, :count], seen[i, :count] = mine, around, True
+        for k in range(count):
+            face_colours(rows[i, k], lights[i], colours[i, k])
+    return rows, boxes, colours, lights, seen
+
+
+@njit(cache=True)
 def _look(views: SolidViews, i: np.int64, samples: int) -> Canvas:
     """What one robot sees: colours by four rays per pixel, or classes by one."""
     rows, boxes = _in_sight(views, i)
     canvas = _canvas(boxes, views.directions[views.slots[i]], samples)
-    light = np.zeros(5)
-    if samples > 1:  # into the robot's axes
-        light[:] = views.lights[i]
-        c, s = math.cos(views.poses[i, 2]), math.sin(views.poses[i, 2])
-        light[0], light[1] = c * light[0] + s * light[1], c * light[1] - s * light[0]
+    light = _light(views, i) if samples > 1 else np.zeros(5)
     colours = np.empty(3, np.uint32)
     for k in range(len(rows)):
         face_colours(rows[k], light, colours)

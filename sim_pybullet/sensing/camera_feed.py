@@ -8,10 +8,10 @@ from robot.geometry import wrap_angle
 from robot.inference.policy import Translator
 from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
-from sim_pybullet.rendering.ray_camera import NoCamera, RayCamera
+from sim_pybullet.rendering.batch_camera import BatchCamera
 from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.scene import Scene
-from sim_pybullet.sensing.sensor import Sensors, add_gloss
+from sim_pybullet.sensing.sensor import Mirror, Sensors
 
 
 class CameraFeed:
@@ -34,7 +34,7 @@ class CameraFeed:
 
     def __init__(
         self,
-        camera: RayCamera | NoCamera,
+        camera: BatchCamera,
         n_robots: int,
         crop_top_px: int = 0,
         translator: Translator | None = None,
@@ -46,9 +46,8 @@ class CameraFeed:
         self._dt_s = dt_s
         self._translator = translator
         height, width, _ = camera.shape
-        self._sensors = Sensors(n_robots, camera.shape, crop_top_px)
+        self._sensors = _sensors(camera, n_robots, crop_top_px)
         self._image = ImageSpec(width, height + crop_top_px, crop_top_px)
-        self._rays: list[np.ndarray | None] = [None] * n_robots  # where floors mirror the light
         self._scenes: list[Scene | None] = [None] * n_robots
         self._cameras: list[CameraLook | None] = [None] * n_robots
         self._headings, self._turns_radps = np.zeros(n_robots), np.zeros(n_robots)
@@ -57,7 +56,7 @@ class CameraFeed:
         self._skip = np.zeros(n_robots)
         self._first = np.ones(n_robots, dtype=bool)  # no picture of this episode was taken yet
         self._frames = frames
-        self._stack = np.zeros((n_robots, *self.shape), np.uint8)
+        self._stack = self._sensors.blank((n_robots, *self.shape))
         self.shown = np.zeros((n_robots, 1 + movers, 3))
         self.fresh = np.zeros(n_robots, dtype=bool)
 
@@ -66,6 +65,11 @@ class CameraFeed:
         """(H, W, 3 F) of what one robot sees."""
         height, width, _ = self._camera.shape
         return height, width, 3 * self._frames
+
+    @property
+    def device(self) -> str | None:
+        """See `BatchCamera`."""
+        return self._camera.device
 
     @property
     def newest(self) -> np.ndarray:
@@ -90,9 +94,10 @@ class CameraFeed:
         delay = look.timing.camera_delay_s / self._dt_s
         around = pose[None] if movers is None else np.vstack((pose, movers))
         self._past.reset(i, delay, _as_vectors(around).ravel())
-        self._sensors.put(i, look.sensor)
-        rays = pixel_rays(look.rig(), self._image).directions if scene.light.gloss else None
-        self._rays[i] = rays
+        mirror = None
+        if scene.light.gloss:
+            mirror = Mirror(scene.light, pixel_rays(look.rig(), self._image).directions)
+        self._sensors.put(i, look.sensor, mirror)
         self._headings[i], self._turns_radps[i] = pose[2], 0.0
         self._skip[i] = look.timing.frame_skip
         self._first[i] = True
@@ -112,6 +117,7 @@ class CameraFeed:
     ) -> np.ndarray:
         """What is seen now: (M, H, W, 3 F) uint8 RGB in a fresh array, of all robots or of some.
 
+        Where the camera draws on a device of torch it is a tensor there.
         The newest picture comes last; the sensor's noise is ``noise_rng``'s, where there is one.
         """
         noise_rng = rng if noise_rng is None else noise_rng
@@ -121,11 +127,8 @@ class CameraFeed:
         chosen = np.arange(len(poses)) if robots is None else robots
         moving = (around[chosen, 1:],) if self._movers else ()
         light = self._camera.render(poses[chosen], robots, *moving)
-        for frame, heading_rad, i in zip(light, poses[chosen, 2].tolist(), chosen, strict=True):
-            rays, scene = self._rays[i], self._scenes[i]
-            if rays is not None and scene is not None:
-                add_gloss(frame, rays, scene.light, heading_rad)
-        pictures = self._sensors.take(light, chosen, noise_rng, self._turns_radps[chosen])
+        turns_radps, headings_rad = self._turns_radps[chosen], poses[chosen, 2]
+        pictures = self._sensors.take(light, chosen, noise_rng, turns_radps, headings_rad)
         if self._translator is not None:
             pictures = self._translator(pictures)
         again, first = np.zeros(len(chosen), dtype=bool), self._first[chosen]
@@ -136,10 +139,21 @@ class CameraFeed:
         self.fresh[:] = False
         self.fresh[chosen[~again]] = True
         rows = slice(None) if robots is None else robots  # a view is faster where all are drawn
-        seen = np.concatenate((self._stack[rows][..., 3:], pictures), axis=-1)
-        seen[first] = np.tile(pictures[first], self._frames)
+        seen = self._sensors.blank((len(chosen), *self.shape))
+        seen[..., :-3], seen[..., -3:] = self._stack[rows][..., 3:], pictures
+        for k in range(0, self.shape[2], 3):
+            seen[first, ..., k : k + 3] = pictures[first]
         self._stack[rows], self._first[chosen] = seen, False
         return seen
+
+
+def _sensors(camera: BatchCamera, n_robots: int, crop_top_px: int) -> Sensors:
+    """Where the camera draws."""
+    if camera.device is None:
+        return Sensors(n_robots, camera.shape, crop_top_px)
+    from sim_pybullet.sensing.torch_sensor import TorchSensors
+
+    return TorchSensors(n_robots, camera.shape, crop_top_px, camera.device)
 
 
 def _as_vectors(poses: np.ndarray) -> np.ndarray:

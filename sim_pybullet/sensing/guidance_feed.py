@@ -108,8 +108,10 @@ class GuidanceFeed:
             self._fusion.measure(np.where(silent[:, None], np.nan, told), captured_s)
         self._believe(poses)
 
-    def see(self, images: np.ndarray, fresh: np.ndarray, maps: np.ndarray) -> None:
-        """Pictures (N, H, W, 3) came now, after the poses of this moment.
+    def see(
+        self, images: np.ndarray, robots: np.ndarray, fresh: np.ndarray, maps: np.ndarray
+    ) -> None:
+        """Pictures (M, H, W, 3) of robots (M,) came now, after the poses of this moment.
 
         Args:
             images: frames, or pictures as sight takes them.
@@ -119,10 +121,12 @@ class GuidanceFeed:
         sight = self._sources.sight
         if sight is None:
             return
+        whole = np.zeros((len(fresh), *images.shape[1:]), np.uint8)
+        whole[robots] = images
         if images.shape[1:] != sight.contract.image.shape:
-            images = preprocess_batch(images, sight.contract.image)
+            whole = preprocess_batch(whole, sight.contract.image)
         self._fix.views = [self._views[k] for k in maps.tolist()]
-        self._fix.see(sight(images), fresh & ~self._exact, self._now_s)
+        self._fix.see(sight(whole), fresh & ~self._exact, self._now_s)
         self.poses = np.where(self._exact[:, None], self.poses, self._fusion.poses)
 
     def path_inputs(self, paths: PathBatch) -> np.ndarray:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,8 +16,8 @@ from sim_pybullet.look import LightLook, SensorLook
 # A turn by one radian moves the middle of a 160 px wide frame by so many pixels.
 PX_PER_RAD = DUCKIEBOT_LENS.fx_px * FRAME_WIDTH_PX / DUCKIEBOT_LENS.width_px
 _SMALLEST_SMEAR_PX = 0.3
-_LAMP = 200.0  # grey levels of a lamp that the floor mirrors fully
-_BARELY = 1e-3
+LAMP = 200.0  # grey levels of a lamp that the floor mirrors fully
+LOG_BARELY = math.log(1e-3)  # of the spot's brightest, what counts as dark
 _NOISE_SIZE = 1 << 16  # values in the noise table; each row of a picture starts anywhere in it
 _SMALLEST_BLUR_PX = 0.2  # a narrower one changes no grey level
 # Foam, cloth and paint alike reflect near infrared; red and blue pixels let most of it through.
@@ -29,13 +30,17 @@ def smeared(frames: np.ndarray, lengths_px: np.ndarray) -> np.ndarray:
     A robot on the floor turns about the vertical, so that its picture moves sideways.
     """
     for k in np.flatnonzero(lengths_px > _SMALLEST_SMEAR_PX):
-        half = int(np.ceil(0.5 * lengths_px[k]))
-        offsets = np.abs(np.arange(-half, half + 1))
-        weights = np.clip(0.5 * lengths_px[k] + 0.5 - offsets, 0.0, 1.0)[None]
-        frames[k] = cv2.filter2D(
-            frames[k], -1, weights / weights.sum(), borderType=cv2.BORDER_REPLICATE
-        )
+        weights = smear_weights(lengths_px[k])[None]
+        frames[k] = cv2.filter2D(frames[k], -1, weights, borderType=cv2.BORDER_REPLICATE)
     return frames
+
+
+def smear_weights(length_px: float) -> np.ndarray:
+    """(2 R + 1,) weights of the pixels to both sides in an average over so many."""
+    half = int(np.ceil(0.5 * length_px)) if length_px > _SMALLEST_SMEAR_PX else 0
+    offsets = np.abs(np.arange(-half, half + 1))
+    weights = np.clip(0.5 * length_px + 0.5 - offsets, 0.0, 1.0)
+    return weights / weights.sum()
 
 
 def add_gloss(frame: np.ndarray, rays: np.ndarray, light: LightLook, heading_rad: float) -> None:
@@ -44,14 +49,19 @@ def add_gloss(frame: np.ndarray, rays: np.ndarray, light: LightLook, heading_rad
     Phong's model: the spot lies where a ray (H, W, 3) mirrored by the floor meets the light, whose
     direction is in the world frame. Solids are not told from the floor: the spot lies over them.
     """
-    ahead, level = light.azimuth_rad - heading_rad, math.cos(light.elevation_rad)
-    towards = (level * math.cos(ahead), level * math.sin(ahead), -math.sin(light.elevation_rad))
-    lamp, variance = np.array(towards, np.float32), light.gloss_width_rad**2
-    least = np.float32(1.0 + variance * math.log(_BARELY))
+    lamp, variance = lamp_in_floor(light, heading_rad), light.gloss_width_rad**2
+    least = np.float32(1.0 + variance * LOG_BARELY)
     near, seen = _near(rays.reshape(-1, 3), lamp, least)
     # numpy's exp, not the compiler's: they differ in the last bit
     spot = np.exp((np.minimum(near, np.float32(1.0)) - np.float32(1.0)) / np.float32(variance))
-    _add(frame.reshape(-1, 3), seen, np.float32(light.gloss * _LAMP) * spot)
+    _add(frame.reshape(-1, 3), seen, np.float32(light.gloss * LAMP) * spot)
+
+
+def lamp_in_floor(light: LightLook, heading_rad: float) -> np.ndarray:
+    """Unit vector (3,) float32 in robot axes to the light's mirror image."""
+    ahead, level = light.azimuth_rad - heading_rad, math.cos(light.elevation_rad)
+    towards = (level * math.cos(ahead), level * math.sin(ahead), -math.sin(light.elevation_rad))
+    return np.array(towards, np.float32)
 
 
 @njit(nogil=True, cache=True)
@@ -80,12 +90,20 @@ def _add(pixels: np.ndarray, which: np.ndarray, light: np.ndarray) -> None:
             pixel[colour] = np.uint8(min(bright, np.float32(255.0)))
 
 
+class Mirror(NamedTuple):
+    """A floor that mirrors a light: that light, and the pixels' rays (H, W, 3) in robot axes."""
+
+    light: LightLook
+    rays: np.ndarray
+
+
 class Sensors:
     """The sensors of N robots.
 
-    Smear, blur, infrared, vignetting, exposure, white balance, noise, JPEG, in that order. Blur and
-    noise are those of a frame 160 px wide. A picture of another width gets what area averaging
-    would leave of them, so that small pictures may be drawn directly.
+    The light's mirror image in the floor, smear, blur, infrared, vignetting, exposure, white
+    balance, noise, JPEG, in that order. Blur and noise are those of a frame 160 px wide. A picture
+    of another width gets what area averaging would leave of them, so that small pictures may be
+    drawn directly.
 
     Args:
         shape: (H, W, 3) of their pictures.
@@ -96,6 +114,7 @@ class Sensors:
         height, width = shape[:2]
         self._height, self._scale = height, width / FRAME_WIDTH_PX
         self._looks = [SensorLook()] * count
+        self._mirrors: list[Mirror | None] = [None] * count
         self._kernels: list[np.ndarray | None] = [None] * count  # of the blur, where there is one
         self._mixing, self._gains = np.zeros((count, 3, 3)), np.ones((count, 3))
         self._noise = _noise_table(3 * width)
@@ -106,9 +125,13 @@ class Sensors:
         self._rows = (row * row / corner).astype(np.float32)  # of r^2
         self._columns = np.repeat(column * column / corner, 3).astype(np.float32)
 
-    def put(self, i: int, look: SensorLook) -> None:
-        """Robot ``i`` has this sensor."""
-        self._looks[i] = look
+    def blank(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Black pictures of this shape, uint8, of the kind that is taken."""
+        return np.zeros(shape, np.uint8)
+
+    def put(self, i: int, look: SensorLook, mirror: Mirror | None = None) -> None:
+        """Robot ``i`` has this sensor, over this floor if it mirrors the light."""
+        self._looks[i], self._mirrors[i] = look, mirror
         towards = look.infrared * np.outer(_INFRARED_RGB, np.full(3, 1 / 3))
         self._mixing[i] = (1.0 - look.infrared) * np.eye(3) + towards
         self._gains[i] = look.exposure * np.array(look.white_balance)
@@ -121,20 +144,34 @@ class Sensors:
         robots: np.ndarray,
         rng: np.random.Generator,
         turns_radps: np.ndarray | float = 0.0,
+        headings_rad: np.ndarray | float = 0.0,
     ) -> np.ndarray:
         """The pictures of robots (M,) from frames (M, H, W, 3) uint8, which may be overwritten.
 
-        ``rng`` is used only where a sensor has noise; M robots turn at ``turns_radps`` (M,).
+        ``rng`` is used only where a sensor has noise. M robots turn at ``turns_radps`` (M,) and
+        look along ``headings_rad`` (M,) of the frame in which their light's direction is told.
         """
-        looks = [self._looks[i] for i in robots.tolist()]
-        shutters_s = np.array([look.shutter_s for look in looks])
-        frames = smeared(frames, self._scale * PX_PER_RAD * shutters_s * np.abs(turns_radps))
-        starts = np.zeros((len(looks), self._height), np.int64)
-        if any(look.noise for look in looks):
-            starts = rng.integers(0, _NOISE_SIZE, starts.shape)
+        headings_rad = np.broadcast_to(headings_rad, len(robots))
+        for i, frame, heading_rad in zip(robots, frames, headings_rad.tolist(), strict=True):
+            mirror = self._mirrors[i]
+            if mirror is not None:
+                add_gloss(frame, mirror.rays, mirror.light, heading_rad)
+        frames = smeared(frames, self._smears_px(robots, turns_radps))
+        starts = self._noise_starts(robots, rng)
         for i, frame, begins in zip(robots.tolist(), frames, starts, strict=True):
             self._sense(i, frame, begins)
         return frames
+
+    def _smears_px(self, robots: np.ndarray, turns_radps: np.ndarray | float) -> np.ndarray:
+        shutters_s = np.array([self._looks[i].shutter_s for i in robots.tolist()])
+        return self._scale * PX_PER_RAD * shutters_s * np.abs(turns_radps)
+
+    def _noise_starts(self, robots: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(M, H) where in the table the noise of each row begins."""
+        shape = len(robots), self._height
+        if any(self._looks[i].noise for i in robots.tolist()):
+            return rng.integers(0, _NOISE_SIZE, shape)
+        return np.zeros(shape, np.int64)
 
     def _sense(self, i: int, frame: np.ndarray, starts: np.ndarray) -> None:
         look, gains, line = self._looks[i], self._gains[i], frame.reshape(self._height, -1)

@@ -12,7 +12,7 @@ class PoseCamera:
     Refuses to draw robots that were given no world, and indices that do not fit the poses.
     """
 
-    shape = (4, 3, 3)
+    shape, device = (4, 3, 3), None
 
     def __init__(self, n_robots: int) -> None:
         self.scenes: list[Scene | None] = [None] * n_robots

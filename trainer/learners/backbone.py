@@ -97,9 +97,9 @@ class Seer:
         self.width = self._network.width
 
     @torch.no_grad()
-    def __call__(self, images: np.ndarray) -> np.ndarray:
+    def __call__(self, images: np.ndarray | torch.Tensor) -> np.ndarray:
         """Stacks of pictures (..., H, W, 3 F) uint8 -> (..., F width) float32."""
-        batch = torch.from_numpy(images.reshape(-1, *images.shape[-3:])).to(self._device)
+        batch = torch.as_tensor(images, device=self._device).reshape(-1, *images.shape[-3:])
         return self._network(batch).float().cpu().numpy().reshape(*images.shape[:-3], -1)
 
 

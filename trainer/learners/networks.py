@@ -24,6 +24,7 @@ from robot.errors import ContractError
 from trainer.config import NetConfig
 from trainer.envs import parts_of, spaces_of
 from trainer.learners.backbone import Backbone, centred, fresh, read_backbone
+from trainer.learners.on_device import PictureStore
 from trainer.learners.world import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
@@ -36,15 +37,20 @@ class DrivingFeatures(BaseFeaturesExtractor):
     """Convolutions and first fully connected layer; with a path, both branches concatenated.
 
     Takes a picture (N, H, W, 3 F) of F stacked frames, or a dict of ``image`` and ``path`` (N, P)
-    in [-1, 1]. In place of the picture it takes what its backbone saw there, (N, F width).
+    in [-1, 1]. In place of the picture it takes what its backbone saw there, (N, F width), or the
+    number that ``pictures`` gave it.
     """
 
-    def __init__(self, observation_space: spaces.Space, net: NetConfig) -> None:
+    def __init__(
+        self, observation_space: spaces.Space, net: NetConfig, pictures: PictureStore | None = None
+    ) -> None:
         shapes = {name: part.shape for name, part in spaces_of(observation_space).items()}
-        image, path_points = shapes.get("image", ()), sum(shapes.get("path", ()))
+        image = pictures.shape if pictures else shapes.get("image", ())
+        path_points = sum(shapes.get("path", ()))
         if len(image) not in (1, 3) or (image[2:] and image[2] % 3):
             raise ContractError(f"expected a picture (H, W, 3), got {observation_space}")
         super().__init__(observation_space, net.image_fc + net.path_fc[1] * bool(path_points))
+        self._pictures = pictures
         self._centred = net.centred
         if net.backbone:
             backbone = read_backbone(Path(net.backbone))
@@ -62,6 +68,8 @@ class DrivingFeatures(BaseFeaturesExtractor):
         """(N, features)."""
         parts = parts_of(observation)
         seen: torch.Tensor = parts["image"]
+        if self._pictures is not None and seen.ndim < 3:
+            seen = self._pictures.take(seen.flatten())
         if not isinstance(self.convolutions, Backbone):
             pixels = centred(seen) if self._centred else fresh(seen).div_(255.0)
             seen = self.convolutions(pixels).flatten(1)

@@ -29,10 +29,13 @@ class ChannelLast:
 def common_arguments(making: Making) -> dict[str, Any]:
     """What stable-baselines3 is told of every algorithm."""
     config = making.config
+    arguments = policy_arguments(config)
+    pictures = getattr(making.env, "pictures", None)  # kept on a device, see `on_device`
+    arguments["features_extractor_kwargs"]["pictures"] = pictures
     return {
         "policy": find_algorithm(config.algorithm).policy,
         "env": making.env,
-        "policy_kwargs": policy_arguments(config),
+        "policy_kwargs": arguments,
         "learning_rate": learning_rates(config),
         "max_grad_norm": config.learn.max_grad_norm,
         "seed": config.seed,

@@ -28,6 +28,8 @@ _SCALARS = ("actions", "rewards", "dones", "timeouts")
 def off_policy(making: Making, **own: Any) -> dict[str, Any]:
     """What those who learn from a replay buffer in the run's folder are told."""
     learn, replay = cast(Any, making.config.learn), making.folder.replay
+    if getattr(making.env, "pictures", None) is not None:  # those of an earlier process are gone
+        shutil.rmtree(replay, ignore_errors=True)
     return common_arguments(making) | {
         "batch_size": learn.batch,
         "gradient_steps": learn.gradient_steps,

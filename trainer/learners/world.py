@@ -14,6 +14,7 @@ from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise, image_changed, parts_of, spaces_of
 from trainer.learners.backbone import Seer
+from trainer.learners.on_device import KeptThere
 from trainer.relit import relit
 
 TRUE_PATH = "true_path"
@@ -68,4 +69,6 @@ def learning_world(config: RunConfig, make_env: EnvMaker) -> VecEnv:
         env = under_other_lights(env, np.random.default_rng(config.seed))
     if config.net.backbone:
         env = seen_by(env, Seer(Path(config.net.backbone), config.device))
+    elif getattr(env, "device", None):
+        env = KeptThere(env, config)
     return SeenOtherwise(env, lambda seen, _: seen, reward_scale=config.reward_scale)

@@ -94,7 +94,7 @@ def train(
 def judged(config: RunConfig) -> RunConfig:
     """The run in whose world the greedy driving between updates takes place."""
     elsewhere = config.evaluation
-    config = replace(config, start_spread=1.0, maps=elsewhere.maps or config.maps)
+    config = replace(config, start_spread=1.0, maps=elsewhere.maps or config.maps, device="cpu")
     if not elsewhere.look:
         return config
     return replace(config, look=elsewhere.look, translate=None, without=())

@@ -135,7 +135,7 @@ def test_the_translator_sees_what_the_sensor_gives() -> None:
 class PostCamera:
     """Sees one bright column, wherever it stands."""
 
-    shape = (20, 160, 3)
+    shape, device = (20, 160, 3), None
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """It sees no scene."""

@@ -1,0 +1,197 @@
+"""``TorchCamera``: a `RayCamera` whose pictures are drawn, and stay, on a device of torch."""
+
+import numpy as np
+import torch
+
+from robot.contract import ImageSpec
+from robot.lens import CameraRig
+from sim_pybullet.rendering.mip_texture import mip_texture
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.rendering.rays import MAX_TAPS, FloorTable, floor_shade
+from sim_pybullet.rendering.solid_geometry import CYLINDER, SHAPE
+from sim_pybullet.rendering.solid_kernel import in_sight
+from sim_pybullet.rendering.torch_solids import (
+    UNSEEN,
+    SolidPixels,
+    meet_boxes,
+    meet_cylinders,
+    sub_rays,
+)
+from sim_pybullet.scene import Mover, Scene
+
+
+class TorchCamera(RayCamera):
+    """As `RayCamera`, which works out on the CPU what changes with an episode, and culls solids.
+
+    Pictures are those of `RayCamera` but for rounding: a grey level in a few pixels.
+
+    Args:
+        device: as torch names it.
+    """
+
+    def __init__(
+        self,
+        image: ImageSpec,
+        n_robots: int,
+        movers: tuple[Mover, ...] = (),
+        device: str = "cuda",
+    ) -> None:
+        super().__init__(image, n_robots, movers)
+        height, width, _ = image.shape
+        pixels, self.device, self._device = height * width, device, torch.device(device)
+        self._textures = Textures(n_robots, self._device)
+        self._sky = torch.zeros((n_robots, pixels, 3), dtype=torch.uint8, device=self._device)
+        self._held: list[FloorTable | None] = [None] * n_robots  # the tables on the device, by slot
+        self._points = torch.zeros((n_robots, 4, pixels), device=self._device)
+        # of each pixel: its mip level (-1: sky), and how many taps it averages
+        self._reads = torch.zeros((n_robots, 2, pixels), dtype=torch.int64, device=self._device)
+        self._rays = torch.zeros((n_robots, 3, 4, pixels), device=self._device)
+
+    def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
+        """Give robot ``i`` its world and its camera."""
+        super().set_robot(i, scene, rig)
+        self._textures.put(i, mip_texture(scene.ground, floor_shade(scene.light))[0])
+        self._sky[i] = self._sent(self._skies[i]).view(-1, 3)
+        tables, slot = self._tables, int(self._tables.slots[i])
+        table = tables.stored[slot]
+        if table is not None and self._held[slot] is not table:
+            self._held[slot] = table
+            self._points[slot] = self._sent(table.points)
+            self._reads[slot] = self._sent(_reads(table))
+            self._rays[slot] = self._sent(sub_rays(tables.directions[slot]))
+
+    def render(  # type: ignore[override]  # tensors, where its base class has arrays
+        self, poses: np.ndarray, robots: np.ndarray | None = None, movers: np.ndarray | None = None
+    ) -> torch.Tensor:
+        """(N, H, W, 3) uint8 on the device; arguments as of `RayCamera`."""
+        robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
+        poses = self._checked(poses, len(robots))
+        pictures = self._floor(poses, robots)
+        self._put_solids(pictures, poses, robots, movers)
+        return pictures.view(len(robots), *self.shape)
+
+    def _sent(self, array: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(array).to(self._device)
+
+    def _floor(self, poses: np.ndarray, robots: np.ndarray) -> torch.Tensor:
+        """Floor and sky (N, P, 3) uint8: the arithmetic of `draw_floor`, all pixels at once."""
+        views = self._floor_views(poses, robots)
+        slots = self._sent(views.slots)
+        x, y, dx, dy = self._points[slots].unbind(1)
+        level, taps = self._reads[slots].unbind(1)
+        floor = (level >= 0)[..., None]
+        level = level.clamp(min=0)
+        levels = self._sent(views.levels).long()
+        first, wide, high = (each.gather(1, level) for each in levels.unbind(2))
+        first += self._textures.firsts()[self._sent(robots)][:, None]
+        column, row, c, s = self._sent(views.placed.astype(np.float32))[..., None].unbind(1)
+        scale = torch.exp2(8.0 - level)
+        sums = torch.zeros((*x.shape, 3), device=self._device)
+        for tap in range(MAX_TAPS):
+            ahead, left = 256.0 * (x + tap * dx), 256.0 * (y + tap * dy)
+            u = c * ahead - s * left + (column * scale + 128.0)
+            v = row * scale + 128.0 - s * ahead - c * left
+            live = (tap < taps)[..., None]
+            sums += live * self._textures.read(u, v, first, wide, high)
+        taps = taps[..., None]
+        rgb = ((sums + 128.0 * taps) / (256.0 * taps)).to(torch.uint8)  # rounds down
+        return torch.where(floor, rgb, self._sky[self._sent(robots)])
+
+    def _put_solids(
+        self,
+        pictures: torch.Tensor,
+        poses: np.ndarray,
+        robots: np.ndarray,
+        movers: np.ndarray | None,
+    ) -> None:
+        """Blend into pictures (N, P, 3) what four rays per pixel meet."""
+        views = self._solid_views(poses, robots, movers)
+        if views is None:
+            return
+        rows, boxes, colours, lights, seen = in_sight(views, self._rows.shape[1])
+        nearest = torch.full((len(poses) * 4 * pictures.shape[1],), UNSEEN, device=self._device)
+        round_ = rows[..., SHAPE] == CYLINDER
+        for which, meet in ((seen & ~round_, meet_boxes), (seen & round_, meet_cylinders)):
+            who, _ = np.nonzero(which)
+            where = np.stack((who, views.slots[who]), axis=-1)
+            pixels = SolidPixels(self._rays, self.shape[1], *map(self._sent, (where, boxes[which])))
+            told = rows[which], colours[which].astype(np.int64), lights[who]
+            pixels.put(nearest, meet(pixels, *map(self._sent, told)))
+        nearest = nearest.view(len(poses), 4, -1)
+        met = nearest != UNSEEN
+        total = 2 + (~met).sum(1)[..., None] * pictures
+        for k in range(3):
+            total[..., k] += torch.where(met, nearest >> 8 * k & 255, 0).sum(1)
+        pictures[:] = (total >> 2).to(torch.uint8)
+
+
+class Textures:
+    """The floors of N robots in one tensor on a device; robots with the same floor share it."""
+
+    def __init__(self, n_robots: int, device: torch.device) -> None:
+        self._device = device
+        self._of: list[np.ndarray | None] = [None] * n_robots
+        self._held: dict[int, tuple[int, np.ndarray]] = {}  # by identity: where it begins, itself
+        self._end = 0
+        self._texels = torch.zeros(0, dtype=torch.int32, device=device)
+
+    def put(self, i: int, texels: np.ndarray) -> None:
+        """Robot ``i`` has this floor, the texels of a `MipTexture`."""
+        self._of[i] = texels
+        if id(texels) in self._held:
+            return
+        if self._end + len(texels) > len(self._texels):  # keep what is in use, with room for more
+            used = {id(each): each for each in self._of if each is not None}
+            room = 2 * sum(map(len, used.values()))
+            self._texels = torch.zeros(room, dtype=torch.int32, device=self._device)
+            self._held, self._end = {}, 0
+            for each in used.values():
+                self._append(each)
+        else:
+            self._append(texels)
+
+    def firsts(self) -> torch.Tensor:
+        """(N,) where each robot's floor begins."""
+        begins = [0 if each is None else self._held[id(each)][0] for each in self._of]
+        return torch.tensor(begins, device=self._device)
+
+    def read(
+        self,
+        u: torch.Tensor,
+        v: torch.Tensor,
+        first: torch.Tensor,
+        wide: torch.Tensor,
+        high: torch.Tensor,
+    ) -> torch.Tensor:
+        """Bilinear colours (N, P, 3) times 256.
+
+        u, v (N, P) are columns and rows in 256ths of a texel; ``first``, ``wide`` and ``high``
+        (N, P) are of the level that each pixel reads.
+        """
+        u = u.clamp(min=0).minimum((wide - 1) * 256.0 - 1.0).to(torch.int32)
+        v = v.clamp(min=0).minimum((high - 1) * 256.0 - 1.0).to(torch.int32)
+        at = first + (v >> 8) * wide + (u >> 8)
+        fx, fy = u & 255, v & 255
+        both = fx * fy + 128 >> 8
+        total = self._rgb(at) * (256 - fx - fy + both)[..., None]
+        total += self._rgb(at + 1) * (fx - both)[..., None]
+        total += self._rgb(at + wide) * (fy - both)[..., None]
+        return total + self._rgb(at + wide + 1) * both[..., None]
+
+    def _rgb(self, at: torch.Tensor) -> torch.Tensor:
+        return self._texels[at].view(torch.uint8).view(*at.shape, 4)[..., :3].float()
+
+    def _append(self, texels: np.ndarray) -> None:
+        rgb = texels & 0xFF | (texels >> 12 & 0xFF) << 8 | (texels >> 24) << 16
+        end = self._end + len(texels)
+        self._texels[self._end : end] = torch.from_numpy(rgb.view(np.int32)).to(self._device)
+        self._held[id(texels)] = self._end, texels
+        self._end = end
+
+
+def _reads(table: FloorTable) -> np.ndarray:
+    """(2, P) int64: mip level and number of taps of each pixel, from the runs; -1 and 1 are sky."""
+    reads = np.stack((np.full(table.points.shape[1], -1), np.ones(table.points.shape[1], int)))
+    for first, last, level, log_taps in table.runs.tolist():
+        reads[:, first:last] = [[level], [1 << log_taps]]
+    return reads
