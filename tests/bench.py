@@ -96,6 +96,39 @@ def step_figures() -> dict[str, float]:
     }
 
 
+def gpu_figures() -> dict[str, float]:
+    """Pictures of 80x40 a second, drawn and sensed on a GPU for many robots; none without one."""
+    import torch
+
+    if not torch.cuda.is_available():
+        return {}
+    from sim_pybullet.randomise import load_look_sampler
+    from sim_pybullet.rendering.torch_camera import TorchCamera
+    from sim_pybullet.scenery.objects import build_scene, lane_poses
+    from sim_pybullet.sensing.torch_sensor import TorchSensors
+
+    rng, road_map = np.random.default_rng(0), load_map("town")
+    count, sample, robots = 2048, load_look_sampler("randomised"), np.arange(2048)
+    camera, poses = TorchCamera(SMALL, count), lane_poses(road_map, count, rng)
+    sensors = TorchSensors(count, camera.shape, SMALL.crop_top_px)
+    looks = [sample(rng) for _ in range(count)]
+    scenes = [build_scene(road_map, look, rng) for look in looks[:32]]
+    for i, look in enumerate(looks):
+        camera.set_robot(i, scenes[i % len(scenes)], look.rig())
+        sensors.put(i, look.sensor)
+
+    def drawn() -> None:
+        camera.render(poses)
+        torch.cuda.synchronize()
+
+    def sensed() -> None:
+        sensors.take(camera.render(poses), robots, rng)
+        torch.cuda.synchronize()
+
+    drawn_s, sensed_s = seconds_per_call(drawn, sensed, least_s=3.0)
+    return {"drawn_fps": count / drawn_s, "sensed_fps": count / sensed_s}
+
+
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     """p50 and p99 of one decision on one thread, for the FP32 file and the INT8 file beside it."""
     files = {"fp32": model, "int8": model.with_name(f"{model.stem}_int8.onnx")}
@@ -128,6 +161,7 @@ def measure(model: Path) -> dict[str, Any]:
     """Every part, one after the other."""
     parts: dict[str, Callable[[], Any]] = {
         "camera": camera_figures,
+        "gpu": gpu_figures,
         "step": step_figures,
         "inference": lambda: inference_figures(model),
         "robot": lambda: measure_robot(model, 5.0)["robot"],
