@@ -16,7 +16,7 @@ import robot
 from robot.errors import ConfigError
 from sim_pybullet.rendering.torch_camera import TorchCamera
 from tests.sim_pybullet.rendering.test_torch_camera import DEVICES
-from tests.trainer.toy import make_toy, toy_config
+from tests.trainer.toy import build_model, make_toy, toy_config
 from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise, draws_on_gpu, image_changed, make_env
 from trainer.learners.on_device import PictureStore
@@ -85,15 +85,20 @@ def test_who_learns_from_numbers_learns_the_same_to_the_bit(algorithm: str, tmp_
     assert (tmp_path / "tensors" / "model.onnx").exists()
 
 
-def test_what_a_run_saw_before_it_was_cut_off_is_gone(tmp_path: Path) -> None:
-    """A replay buffer of numbers is worth nothing without the pictures."""
+@pytest.mark.parametrize(("make", "kept"), [(make_toy, True), (make_drawn, False)])
+def test_a_replay_buffer_of_numbers_ends_with_its_pictures(
+    make: Any, kept: bool, tmp_path: Path
+) -> None:
+    """Who goes on after a kill takes up an old buffer only if it can still see what is in it."""
     config = toy_config("dueling", 400)
-    (tmp_path / "replay").mkdir()
-    old = tmp_path / "replay" / "rows"
-    old.write_bytes(np.array([300]).tobytes())
-    train(config, RunFolder(tmp_path), make_drawn, Console(quiet=True))
-    assert not old.exists(), "a finished run leaves none"
-    assert (tmp_path / "metrics.json").exists()
+
+    def begun() -> Any:
+        env = learning_world(config, make)
+        return build_model(config, env, tmp_path)
+
+    begun().learn(200)
+    rows = int(begun().replay_buffer.rows[0])
+    assert rows == (25 if kept else 0)
 
 
 @pytest.mark.parametrize("backbone", [None, SIGHT])
