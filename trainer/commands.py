@@ -2,6 +2,7 @@
 
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -98,7 +99,7 @@ def export_command(
     from trainer.run import RunFolder
 
     folder = RunFolder(Path(source))
-    config = folder.load_config()
+    config = replace(folder.load_config(), device="cpu")
     env = make_env(config, EXPORT_ROBOTS, config.seed)
     exported = export_run(folder, config, env)
     env.close()

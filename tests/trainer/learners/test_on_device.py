@@ -17,6 +17,7 @@ from robot.errors import ConfigError
 from sim_pybullet.rendering.torch_camera import TorchCamera
 from tests.sim_pybullet.rendering.test_torch_camera import DEVICES
 from tests.trainer.toy import build_model, make_toy, toy_config
+from trainer.commands import export_command
 from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise, draws_on_gpu, image_changed, make_env
 from trainer.learners.on_device import PictureStore
@@ -138,6 +139,19 @@ def test_without_a_gpu_cuda_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         make_env(config, 1, 0)
     assert not draws_on_gpu(replace(config, device="auto"))
     assert not draws_on_gpu(replace(config, device="cpu"))
+
+
+def test_a_run_of_a_gpu_is_exported_without_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    folder = RunFolder(tmp_path)
+    config = replace(TrainOptions("lane", "dagger", "debug", steps=64).config(), device="auto")
+    train(config, folder, make_env, Console(quiet=True))
+    whole = folder.config.read_text()
+    folder.config.write_text(whole.replace("device: auto", "device: cuda"))
+    assert folder.config.read_text() != whole
+    assert export_command(str(tmp_path)) == 0
 
 
 def test_with_a_gpu_pictures_are_drawn_there_unless_arrays_are_wanted(
