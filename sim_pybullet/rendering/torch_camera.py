@@ -138,16 +138,14 @@ class Textures:
     def put(self, i: int, texels: np.ndarray) -> None:
         """Robot ``i`` has this floor, the texels of a `MipTexture`."""
         self._of[i] = texels
-        if id(texels) in self._held:
-            return
-        if self._end + len(texels) > len(self._texels):  # keep what is in use, with room for more
+        if id(texels) not in self._held and self._end + len(texels) > len(self._texels):
             used = {id(each): each for each in self._of if each is not None}
-            room = 2 * sum(map(len, used.values()))
+            room = 2 * sum(map(len, used.values()))  # what is in use, and as much again
             self._texels = torch.zeros(room, dtype=torch.int32, device=self._device)
             self._held, self._end = {}, 0
             for each in used.values():
                 self._append(each)
-        else:
+        elif id(texels) not in self._held:
             self._append(texels)
 
     def firsts(self) -> torch.Tensor:

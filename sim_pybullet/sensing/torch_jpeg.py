@@ -5,27 +5,13 @@ colour at half the size, blocks of 8 x 8 by the discrete cosine transform, round
 the quality's table. All in whole numbers, which float64 holds exactly.
 """
 
+from functools import cache
+from io import BytesIO
+
 import torch
+from PIL import Image
 from torch.nn.functional import interpolate, pad
 
-# ITU-T T.81, annex K.1: of luminance and of chrominance, at quality 50.
-LUMINANCE = (
-    (16, 11, 10, 16, 24, 40, 51, 61),
-    (12, 12, 14, 19, 26, 58, 60, 55),
-    (14, 13, 16, 24, 40, 57, 69, 56),
-    (14, 17, 22, 29, 51, 87, 80, 62),
-    (18, 22, 37, 56, 68, 109, 103, 77),
-    (24, 35, 55, 64, 81, 104, 113, 92),
-    (49, 64, 78, 87, 103, 121, 120, 101),
-    (72, 92, 95, 98, 112, 100, 103, 99),
-)
-CHROMINANCE = (
-    (17, 18, 24, 47, 99, 99, 99, 99),
-    (18, 21, 26, 66, 99, 99, 99, 99),
-    (24, 26, 56, 99, 99, 99, 99, 99),
-    (47, 66, 99, 99, 99, 99, 99, 99),
-    *[(99, 99, 99, 99, 99, 99, 99, 99)] * 4,
-)
 # JFIF, in 65536ths: rows give Y, Cb and Cr of red, green and blue, and the way back.
 _TO_YCC = ((19595, 38470, 7471), (-11059, -21709, 32768), (32768, -27439, -5329))
 _FROM_YCC = ((65536, 0, 91881), (65536, -22554, -46802), (65536, 116130, 0))
@@ -56,12 +42,20 @@ def compressed(pictures: torch.Tensor, qualities: torch.Tensor) -> torch.Tensor:
     chroma = pad(chroma, (0, -width % 16, 0, height % 2), mode="replicate")
     quads = chroma.unfold(2, 2, 2).unfold(3, 2, 2).sum((4, 5))
     small = ((quads + 1.0 + turn[: quads.shape[3]]) / 4.0).floor()
-    luma = _rounded_waves(luma - 128.0, LUMINANCE, qualities) + 128.0
-    small = _rounded_waves(small, CHROMINANCE, qualities)[..., : (width + 1) // 2]
+    luma = _rounded_waves(luma - 128.0, _steps()[0], qualities) + 128.0
+    small = _rounded_waves(small, _steps()[1], qualities)[..., : (width + 1) // 2]
     chroma = interpolate(small, scale_factor=2, mode="bilinear")[..., :height, :width]
     chroma = (chroma + (8.0 - turn[:width]) / 16.0).floor()
     rgb = torch.einsum("mdhw,cd->mhwc", torch.cat((luma, chroma), dim=1), from_ycc)
     return _halved(rgb, 16).clamp(0.0, 255.0).float()
+
+
+@cache
+def _steps() -> dict[int, list[int]]:
+    """Of luminance, 0, and chrominance, 1, at quality 50 (T.81, annex K.1), as a file has them."""
+    file = BytesIO()
+    Image.new("RGB", (8, 8)).save(file, "JPEG", quality=50)
+    return dict(Image.open(file).quantization)  # type: ignore[attr-defined]
 
 
 def _halved(numbers: torch.Tensor, times: int) -> torch.Tensor:
@@ -69,12 +63,10 @@ def _halved(numbers: torch.Tensor, times: int) -> torch.Tensor:
     return (numbers * 0.5**times + 0.5).floor()
 
 
-def _rounded_waves(
-    planes: torch.Tensor, table: tuple[tuple[int, ...], ...], qualities: torch.Tensor
-) -> torch.Tensor:
-    """Planes (M, C, H, W) about 0 from their blocks' waves, each a multiple of its step."""
+def _rounded_waves(planes: torch.Tensor, table: list[int], qualities: torch.Tensor) -> torch.Tensor:
+    """Planes (M, C, H, W) about 0 from their blocks' waves, each a multiple of its step (64)."""
     scale = torch.where(qualities < 50, 5000 // qualities, 200 - 2 * qualities)[:, None, None]
-    steps = (torch.tensor(table, device=planes.device) * scale + 50) // 100
+    steps = (torch.tensor(table, device=planes.device).view(8, 8) * scale + 50) // 100
     steps = steps.clamp(1, 255)[:, None, None, :, None, :]
     height, width = planes.shape[2:]
     blocks = pad(planes, (0, -width % 8, 0, -height % 8), mode="replicate")
