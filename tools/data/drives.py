@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from robot.recording import topics
 from robot.recording.drive_file import SUFFIX, DriveFile, picture
 from robot.recording.reader import (
     DRIVERS,
+    KINDS,
     Sample,
     read_about,
     read_pieces,
@@ -36,34 +37,25 @@ STATES = {driver: state for state, driver in DRIVERS.items()}
 FLUSH_EVERY = 100  # turns
 
 
-class Told(NamedTuple):
-    """One recording in a list."""
-
-    name: str
-    robot: str
-    seconds: float  # driven, without gaps
-    policy: int  # turns
-    person: int
-    take_overs: int
-    good: int  # pieces
-    bad: int
-
-
 def drives_in(places: Sequence[Path]) -> list[Path]:
     """The recordings named, and those in folders named."""
     found = [p for place in places for p in (sorted(place.glob(f"*{SUFFIX}")) or [place])]
     return list(dict.fromkeys(found))
 
 
-def tell(path: Path) -> Told:
-    """What there is to know of a recording."""
+def tell(path: Path) -> dict[str, Any]:
+    """What there is to know of a recording; ``driven`` without gaps [s]."""
     samples = list(read_samples(path))
     by = [sample.driver for sample in samples]
     kinds = [piece.kind for piece in read_pieces(path)]
-    seconds = sum(run[-1].time_s - run[0].time_s for run in runs(samples))
-    counts = (by.count("policy"), by.count("person"), take_overs(samples))
-    marked = (kinds.count("good"), kinds.count("bad"))
-    return Told(path.stem, read_about(path).get("robot", ""), seconds, *counts, *marked)
+    return {
+        "drive": path.stem,
+        "robot": read_about(path).get("robot", ""),
+        "driven": sum(run[-1].time_s - run[0].time_s for run in runs(samples)),
+        **{driver: by.count(driver) for driver in ("policy", "person")},  # turns
+        "take-overs": take_overs(samples),
+        **{kind: kinds.count(kind) for kind in KINDS},  # pieces
+    }
 
 
 def divide(drives: Sequence[Path], held_out: float, seed: int) -> dict[str, list[str]]:
@@ -73,7 +65,7 @@ def divide(drives: Sequence[Path], held_out: float, seed: int) -> dict[str, list
     """
     if len(drives) < 2:
         raise ConfigError(f"split: expected two drives or more, got {len(drives)}")
-    seconds = {path: max(tell(path).seconds, 0.1) for path in drives}
+    seconds = {path: max(tell(path)["driven"], 0.1) for path in drives}
     order = [drives[i] for i in np.random.default_rng(seed).permutation(len(drives))]
     wanted_s, kept, taken_s = held_out * sum(seconds.values()), order[:1], seconds[order[0]]
     for path in order[1:-1]:
@@ -136,11 +128,11 @@ def _turn(number: int, first: Sample, before: Sample, now: Sample) -> Turn:
     return Turn(number, time_s, 0.0, 0.0, *told, number, time_s, driven=driven)
 
 
-def table(rows: Sequence[Told]) -> str:
-    """The list as text."""
-    heads = ("drive", "robot", "driven", "policy", "person", "take-overs", "good", "bad")
-    cells = [heads] + [(r.name, r.robot, f"{r.seconds:.0f} s", *map(str, r[3:])) for r in rows]
-    wide = [max(len(row[i]) for row in cells) for i in range(len(heads))]
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """What `tell` told as text."""
+    told = [{**row, "driven": f"{row['driven']:.0f} s"} for row in rows]
+    cells = [[*row] for row in told[:1]] + [[str(cell) for cell in row.values()] for row in told]
+    wide = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, wide, strict=True)) for r in cells)
 
 
