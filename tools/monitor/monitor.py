@@ -244,17 +244,14 @@ class Monitor:
                 return asked
             answer = await self.command("arm")
             armed = answer.accepted
-            if not armed and not await self._turns_out_armed():
-                return answer
+            if not armed:
+                await asyncio.sleep(NEWS_S)  # armed just before, its report may be on the way
+                if self.state.telemetry is None or self.state.telemetry.state not in ARMED:
+                    return answer
         answer = await self.command("mission", mission)
         if armed and not answer.accepted:
             await self.command("disarm")
         return answer
-
-    async def _turns_out_armed(self) -> bool:
-        """Whether the robot was armed just before; its report may be on the way."""
-        await asyncio.sleep(NEWS_S)
-        return self.state.telemetry is not None and self.state.telemetry.state in ARMED
 
     def drive_by_hand(self, page: object, stick: Stick | None) -> bool:
         """Pass on one manual command: it holds for ``HAND_S`` and is never repeated.
