@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 from torch import nn
 
@@ -61,7 +61,9 @@ class DrivingFeatures(BaseFeaturesExtractor):
             with torch.no_grad():
                 flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
         self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
-        self.path_fc = _perceptron((path_points, *net.path_fc)) if path_points else None
+        self.path_fc = None
+        if path_points:
+            self.path_fc = nn.Sequential(*create_mlp(path_points, -1, list(net.path_fc)))
         self.apply(_orthogonal)
 
     def forward(self, observation: torch.Tensor | dict[str, torch.Tensor]) -> torch.Tensor:
@@ -87,8 +89,9 @@ class DuelingQNetwork(QNetwork):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         advantage = self.q_net
-        sizes = (self.features_dim, *self.net_arch)
-        self.q_net = _Dueling(nn.Sequential(_perceptron(sizes), nn.Linear(sizes[-1], 1)), advantage)
+        hidden = nn.Sequential(*create_mlp(self.features_dim, -1, self.net_arch))
+        value = nn.Sequential(hidden, nn.Linear(self.net_arch[-1], 1))
+        self.q_net = _Dueling(value, advantage)
 
 
 class _Dueling(nn.Sequential):
@@ -254,14 +257,6 @@ def _convolutions(channels: tuple[int, ...]) -> nn.Sequential:
     return nn.Sequential(*itertools.chain.from_iterable(pairs))
 
 
-def _perceptron(sizes: tuple[int, ...]) -> nn.Sequential:
-    pairs = itertools.pairwise(sizes)
-    return nn.Sequential(*(layer for a, b in pairs for layer in (nn.Linear(a, b), nn.ReLU())))
-
-
 def _orthogonal(module: nn.Module) -> None:
-    if isinstance(module, (nn.Conv2d, nn.Linear)):
-        last = isinstance(module, nn.Linear) and module.out_features <= _MOST_ACTIONS
-        nn.init.orthogonal_(module.weight, gain=1.0 if last else np.sqrt(2.0))
-        if module.bias is not None:
-            nn.init.zeros_(module.bias)
+    last = isinstance(module, nn.Linear) and module.out_features <= _MOST_ACTIONS
+    BasePolicy.init_weights(module, gain=1.0 if last else np.sqrt(2.0))
