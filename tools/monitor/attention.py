@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -59,12 +60,9 @@ class AttentionThread:
 
     def _explain(self, frame: FrameMessage) -> None:
         found = None
-        try:
+        with suppress(ValueError):  # of a JPEG that cannot be decoded
             found = attention_of(self._explainer, fit_to_frame(picture(frame.jpeg)))
-        except ValueError:  # a JPEG that cannot be decoded
-            pass
-        finally:
-            self.newest = found
+        self.newest = found
 
 
 def attention_of(explainer: Explainer, frame: np.ndarray) -> Attention:
