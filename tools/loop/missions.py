@@ -24,8 +24,6 @@ STILL_S = 0.5  # without a step: the robot stands
 PAUSE_S = 1.0  # a person looks before they arm again
 RECORDED_S = 4.5  # at rest: the robot has completed its recording
 
-Line = Sequence[tuple[float, float]] | np.ndarray
-
 
 @dataclass(frozen=True)
 class Stop:
@@ -195,7 +193,7 @@ def on_lane(lane: Lane, t: float) -> Pose:
     return Pose(float(at[0]), float(at[1]), math.atan2(ahead[1], ahead[0]))
 
 
-def distance_m(line_m: Line, pose: Pose) -> float:
+def distance_m(line_m: Sequence[tuple[float, float]] | np.ndarray, pose: Pose) -> float:
     """From the robot to a line through points x, y [m]."""
     points = np.asarray(line_m, dtype=float)
     place, ways = np.array(pose[:2]), np.diff(points, axis=0)
