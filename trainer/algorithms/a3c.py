@@ -13,9 +13,10 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import time
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -106,8 +107,25 @@ class A3C(FallingEntropy, A2C):
         shared.weights.copy_(parameters_to_vector(self.policy.parameters()).detach())
         shared.steps.zero_()
         self.begun = 0 if options.get("reset_num_timesteps", True) else self.num_timesteps
-        with closing(_Others(self.making, shared, self.begun)) as self.others:
+        self._processes = LocalProcesses()
+        try:
+            self._send_out_others()
             return super().learn(total_timesteps, *arguments, **options)
+        finally:  # wherever they are: nothing is locked, or theirs alone
+            self._processes.close(within_s=0.0)
+
+    def _send_out_others(self) -> None:
+        making, shared = self.making, self.optimiser.shared
+        config, count = making.config, len(shared.steps)
+        self._workers: list[tuple[BaseProcess, Connection]] = []
+        seeds = np.random.SeedSequence((config.seed, self.begun)).generate_state(count) % 2**31
+        for k in range(1, count):
+            ours, theirs = multiprocessing.Pipe(duplex=False)
+            own = replace(config, seed=int(seeds[k]))
+            orders = (k, self.begun, own, making.make_env, shared, theirs)
+            self._workers.append((self._processes.start(_work, *orders), ours))
+            theirs.close()
+        self._cpu_s = [0.0] * len(self._workers)
 
     def collect_rollouts(self, *arguments: Any, **options: Any) -> bool:
         """By the weights of now; what the others drove meanwhile is counted."""
@@ -125,27 +143,6 @@ class A3C(FallingEntropy, A2C):
 
     def news(self) -> list[tuple[list[EpisodeEnd], float]]:
         """Of each other worker the episodes that ended, and its seconds of the processor."""
-        return self.others.news()
-
-
-class _Others:
-    """The worker processes beside the first."""
-
-    def __init__(self, making: Making, shared: Shared, begun: int) -> None:
-        config, count = making.config, len(shared.steps)
-        self._processes = LocalProcesses()
-        self._workers = []
-        seeds = np.random.SeedSequence((config.seed, begun)).generate_state(count) % 2**31
-        for k in range(1, count):
-            ours, theirs = multiprocessing.Pipe(duplex=False)
-            own = replace(config, seed=int(seeds[k]))
-            orders = (k, begun, own, making.make_env, shared, theirs)
-            self._workers.append((self._processes.start(_work, *orders), ours))
-            theirs.close()
-        self._cpu_s = [0.0] * len(self._workers)
-
-    def news(self) -> list[tuple[list[EpisodeEnd], float]]:
-        """See `A3C.news`."""
         told = []
         for k, (process, pipe) in enumerate(self._workers):
             ended: list[EpisodeEnd] = []
@@ -161,13 +158,6 @@ class _Others:
                     f"{end.said or 'its error is above'}"
                 )
         return told
-
-    def close(self) -> None:
-        """End the workers, wherever they are: nothing is locked, or theirs alone."""
-        for process, pipe in self._workers:
-            process.kill()
-            pipe.close()
-        self._processes.close()
 
 
 def _work(
