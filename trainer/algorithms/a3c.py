@@ -8,8 +8,6 @@ a worker that is killed leaves nothing locked, and the training goes on with fre
 worker is the process that trains; a single one is the same again for the same seed.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import signal
 import time
@@ -18,7 +16,7 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 import torch
@@ -99,7 +97,7 @@ class A3C(FallingEntropy, A2C):
     optimiser: SharedRmsprop  # the policy's
     number = 0
 
-    def learn(self, total_timesteps: int, *arguments: Any, **options: Any) -> A3C:
+    def learn(self, total_timesteps: int, *arguments: Any, **options: Any) -> Self:
         """So many decisions of all workers together, or until the callback says stop."""
         shared = self.optimiser.shared
         if self.number:

@@ -4,11 +4,9 @@ Sight learns from the map's own labels on hundreds of thousands of pictures, and
 as well as pictures of its training. Who learns to drive by what it sees keeps that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from typing import Self, cast
 
 import numpy as np
 import onnx
@@ -50,7 +48,7 @@ class Backbone(nn.Sequential):
         """How many numbers it says of a picture."""
         return cast(nn.Linear, self[-2]).out_features
 
-    def apply(self, fn: Callable[[nn.Module], None]) -> Backbone:  # noqa: ARG002
+    def apply(self, fn: Callable[[nn.Module], None]) -> Self:  # noqa: ARG002
         """Nothing: those who make all layers of a policy anew, such as SB3's, mean what learns."""
         return self
 

@@ -3,8 +3,6 @@
 Cheap changes of finished pictures; what they show of the road stays the same, or is gone.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Who stands in the way, or beside it, while pictures for sight are taken; none of them is met."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """The commands of sight."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

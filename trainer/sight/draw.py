@@ -1,7 +1,5 @@
 """What sight tells of a picture, drawn over it: the lane, the red line, and a few words."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The network of `robot.vision.sight`: seven convolutions, one layer, and what it is taught by."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``duckpilot fit``: a twin from recordings; ``duckpilot teach``: a policy for it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +29,7 @@ def fit_command(
     return 0
 
 
-def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[list[Recorded], Twin]:
+def _fit(recordings: Sequence[Path], out: Path, console: Console) -> "tuple[list[Recorded], Twin]":
     from trainer.twin.fit import fit_twin, write_twin, write_twin_page
     from trainer.twin.recorded import read_drives
 
