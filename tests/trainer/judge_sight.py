@@ -18,6 +18,7 @@ from robot.output import expect_writable, write_json
 from robot.typed_config import to_plain
 from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.traffic import Traffic
 from sim_pybullet.traffic.scenario import load_scenario
 from trainer.division import division, maps_named
@@ -32,11 +33,11 @@ from trainer.sight.pictures import (
     NEW,
     ROAD,
     ROBOTS,
+    START_SPREAD,
     THING,
     Pictures,
     anywhere,
     drive,
-    missions,
 )
 
 SURE = 0.5  # a probability above it is a yes
@@ -229,7 +230,9 @@ def judge_all(options: argparse.Namespace) -> None:
     maps = [load_map(name) for name in maps_named(options.map) or division().maps.judging]
     for name in options.look:
         looks = load_look_sampler(name)
-        driven = drive(missions(maps), looks, options.seed, options.decisions)
+        driven = drive(
+            Navigation(maps, ROBOTS, START_SPREAD), looks, options.seed, options.decisions
+        )
         met = drive(
             Traffic(maps, ROBOTS, load_scenario("mixed")), looks, options.seed, options.decisions
         )

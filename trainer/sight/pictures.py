@@ -4,8 +4,6 @@ The expert drives missions and is disturbed now and then, so that it is seen off
 returning. Besides there are pictures from anywhere, most of which show no lane to drive in.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cache
@@ -22,9 +20,8 @@ from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import LookPool, Looks
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.sensing.sensor import apply_sensor
-from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import Task
-from trainer.sight.bystanders import Bystanders, clear_m, half_m, standing
+from trainer.sight.bystanders import clear_m, half_m, standing
 
 IMAGE = ImageSpec(80, 60, 20)
 ROBOTS = 20
@@ -36,7 +33,7 @@ _COLUMNS = FIGURES + 7
 LINE_M = (0.12, 0.45)  # from the axle: a line that must be seen; nearer ones leave the picture
 NO_LINE_M = (0.06, 0.6)  # nearer or farther than these there is none
 THING_M, NO_THING_M = 0.5, 0.65  # from the nose: what must be seen, and beyond what nothing need
-_START_SPREAD = 4.0
+START_SPREAD = 4.0
 _DISTURBED = 0.04  # chance of a disturbance in a decision, of 2 to 6 decisions
 _IN_LANE_M = 0.14  # from its middle, at most
 _ELSEWHERE_M = 0.19
@@ -117,13 +114,6 @@ def drive(task: Task, looks: Looks, seed: int, decisions: int) -> Pictures:
         observation, driven_m = step.observation, step.course.progress_m
     world.close()
     return Pictures(images.reshape(-1, *IMAGE.shape), labels.reshape(-1, _COLUMNS))
-
-
-def missions(maps: Sequence[RoadMap], seed: int | None = None) -> Task:
-    """What experts drive; with a seed, past others who stand on the lane and beside it."""
-    if seed is None:
-        return Navigation(maps, ROBOTS, _START_SPREAD)
-    return Bystanders(maps, ROBOTS, _START_SPREAD, seed)
 
 
 def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:

@@ -1,7 +1,5 @@
 """``train-sight``: gather pictures, teach the network, calibrate it, write it for the robot."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,9 +19,10 @@ from trainer.export import quantise
 from trainer.resumable import descend, run_steps, set_rate
 from trainer.run import take_up
 from trainer.sight.augment import drawn
+from trainer.sight.bystanders import Bystanders
 from trainer.sight.cli import SightRun
 from trainer.sight.network import SightNetwork, calibrate, export_sight
-from trainer.sight.pictures import IMAGE, Pictures, anywhere, drive, joined, missions
+from trainer.sight.pictures import IMAGE, ROBOTS, START_SPREAD, Pictures, anywhere, drive, joined
 
 DECISIONS = 200  # of each file of pictures
 _RATE = 2e-3
@@ -74,7 +73,8 @@ def gathered(
         path = folder / f"{number:03d}.npz"
         if not path.exists():
             look, own = load_look_sampler(looks[number % len(looks)]), seed * 1_000 + number
-            driven = drive(missions(maps, own), look, own, DECISIONS)
+            task = Bystanders(maps, ROBOTS, START_SPREAD, own)
+            driven = drive(task, look, own, DECISIONS)
             made = joined([driven, anywhere(maps, look, own)])
             with atomically(path) as temporary, temporary.open("wb") as file:
                 np.savez(file, **made._asdict())

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.tasks.navigation import Navigation
 from trainer.sight import augment
 from trainer.sight.augment import drawn, fronted, glinting, spoiled, tinged
 from trainer.sight.pictures import (
@@ -18,10 +19,11 @@ from trainer.sight.pictures import (
     LINE,
     LINE_FIGURE,
     ROAD,
+    ROBOTS,
+    START_SPREAD,
     THING,
     Pictures,
     drive,
-    missions,
 )
 
 GREY = np.full(IMAGE.shape, 120, np.uint8)
@@ -29,7 +31,7 @@ GREY = np.full(IMAGE.shape, 120, np.uint8)
 
 @pytest.fixture(scope="module")
 def driven() -> Pictures:
-    return drive(missions([load_map("town")]), [NOMINAL], 3, 40)
+    return drive(Navigation([load_map("town")], ROBOTS, START_SPREAD), [NOMINAL], 3, 40)
 
 
 @given(st.integers(0, 10_000))

@@ -10,9 +10,10 @@ from robot.navigation.road_map import load_map
 from robot.safety.governors import NOSE_M
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.scenery.object_solids import object_solids
+from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.traffic.lights import lamps
-from trainer.sight.bystanders import half_m
-from trainer.sight.pictures import FREE, ROBOTS, THING, drive, label, missions
+from trainer.sight.bystanders import Bystanders, half_m
+from trainer.sight.pictures import FREE, ROBOTS, START_SPREAD, THING, drive, label
 
 TOWN = load_map("town")
 VIEW = LaneView(TOWN)
@@ -69,17 +70,13 @@ def test_sizes_are_those_that_the_robot_reckons_with() -> None:
 
 
 def test_bystanders_are_seen_near_and_far_and_never_driven_through() -> None:
-    driven = drive(missions([TOWN], seed=5), [NOMINAL], 5, 60)
+    driven = drive(Bystanders([TOWN], ROBOTS, START_SPREAD, 5), [NOMINAL], 5, 60)
     free_m = driven.labels[driven.labels[:, THING] == 1.0, FREE]
     assert len(free_m) > 100
     assert free_m.min() > -0.1, "alongside at most"
     assert (free_m < 0.15).any()
     assert (free_m > 0.4).any()
     assert (driven.labels[:, THING] == 0.0).sum() > 100
-    alone = drive(missions([TOWN]), [NOMINAL], 5, 5)
+    alone = drive(Navigation([TOWN], ROBOTS, START_SPREAD), [NOMINAL], 5, 5)
     assert (alone.labels[:, THING] != 1.0).all()
     assert np.isnan(alone.labels[:, FREE]).all()
-
-
-def test_without_a_seed_nobody_stands_anywhere() -> None:
-    assert missions([TOWN]).moving(np.zeros((ROBOTS, 3))) is None

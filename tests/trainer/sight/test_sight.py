@@ -12,6 +12,7 @@ from robot.navigation.lane_view import KINDS, LaneView
 from robot.navigation.road_map import load_map
 from robot.vision.sight import COLUMNS, OnnxSight, Seen, SightContract, as_seen
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.tasks.navigation import Navigation
 from tests.trainer import judge_sight
 from trainer.cli import main
 from trainer.sight.cli import SHIPPED, SightRun
@@ -27,11 +28,11 @@ from trainer.sight.pictures import (
     NEW,
     ROAD,
     ROBOTS,
+    START_SPREAD,
     Pictures,
     anywhere,
     drive,
     label,
-    missions,
 )
 from trainer.sight.train import lesson
 
@@ -40,7 +41,7 @@ TOWN = load_map("town")
 
 @pytest.fixture(scope="module")
 def driven() -> Pictures:
-    return drive(missions([TOWN]), [NOMINAL], 3, 40)
+    return drive(Navigation([TOWN], ROBOTS, START_SPREAD), [NOMINAL], 3, 40)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,7 @@ def test_labels_are_those_of_the_map_where_the_picture_was_taken(driven: Picture
 
 
 def test_the_same_seed_gives_the_same_pictures(driven: Pictures) -> None:
-    again = drive(missions([TOWN]), [NOMINAL], 3, 5)
+    again = drive(Navigation([TOWN], ROBOTS, START_SPREAD), [NOMINAL], 3, 5)
     np.testing.assert_array_equal(again.images, driven.images[: 5 * ROBOTS])
 
 
