@@ -95,13 +95,13 @@ def six_models_command(
         out: folder for the runs, six_models.json, six_models.md and six_models.png (learning).
     """
     from robot.inference.policy import OnnxTranslator
-    from trainer.experiments.six_models import drives, models, report, trainings
+    from trainer.experiments.six_models import drives, kinds, report, trainings
 
     console = Console(soft_wrap=True)
     if options.translator:
         OnnxTranslator(options.translator)  # refused before anything is written
     for seed in range(options.seeds):
-        among = [model for model in models(options) if model.seed == seed]
+        among = [kind[seed] for kind in kinds(options)]
         for jobs in (trainings(out, options, among), drives(out, options, among)):
             status = run_sweep(jobs, workers, console)
             if status != 0:

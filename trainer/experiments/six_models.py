@@ -55,11 +55,10 @@ class Model(NamedTuple):
         return self.run(out, "lane" if test == "laps" else "navigation") / f"{test}.json"
 
 
-def models(options: SixModelsOptions) -> list[Model]:
-    """All that can be trained: seed by seed, each in the order of the paper's tables."""
+def kinds(options: SixModelsOptions) -> list[list[Model]]:
+    """Models that differ by their seeds only, together; in the order of the paper's tables."""
     return [
-        Model(algorithm, name, seed)
-        for seed in range(options.seeds)
+        [Model(algorithm, name, seed) for seed in range(options.seeds)]
         for name, (_, _, translated) in VARIANTS.items()
         if options.translator is not None or not translated
         for algorithm in ALGORITHMS
@@ -108,12 +107,6 @@ def drives(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list
             asked = replace(trial, model=str(RunFolder(file.parent).onnx))
             jobs.append(EvaluateJob(file, asked, drives=True))
     return jobs
-
-
-def kinds(options: SixModelsOptions) -> list[list[Model]]:
-    """The models that differ by their seeds only, together; in the order of the paper's tables."""
-    first = models(replace(options, seeds=1))
-    return [[model._replace(seed=seed) for seed in range(options.seeds)] for model in first]
 
 
 @dataclass(frozen=True)

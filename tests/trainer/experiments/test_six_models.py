@@ -9,11 +9,12 @@ import pytest
 
 from trainer.experiments.six_models import (
     FIRST_SEED,
+    Model,
     SixModelsOptions,
     TransferRow,
     drives,
     gather,
-    models,
+    kinds,
     table_rows,
     trainings,
     trials,
@@ -23,6 +24,11 @@ from trainer.report.curves import half_interval
 OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", seeds=2)
 
 
+def models(options: SixModelsOptions) -> list[Model]:
+    """In the order in which they are trained."""
+    return [model for among in zip(*kinds(options), strict=True) for model in among]
+
+
 def test_every_model_has_its_first_seed_before_any_has_its_second():
     seeds = [model.seed for model in models(OPTIONS)]
     assert seeds == sorted(seeds)
@@ -30,10 +36,10 @@ def test_every_model_has_its_first_seed_before_any_has_its_second():
 
 
 def test_six_models_without_a_translator_are_four():
-    kinds = {(m.algorithm, m.variant) for m in models(OPTIONS)}
-    assert len(kinds) == 8  # the paper's six, and both ways together
+    ways = {(m.algorithm, m.variant) for m in models(OPTIONS)}
+    assert len(ways) == 8  # the paper's six, and both ways together
     without = {(m.algorithm, m.variant) for m in models(replace(OPTIONS, translator=None))}
-    assert without == {kind for kind in kinds if "cyclegan" not in kind[1]}
+    assert without == {way for way in ways if "cyclegan" not in way[1]}
 
 
 def test_all_models_are_trained_alike_but_for_what_is_compared(tmp_path):
