@@ -66,9 +66,7 @@ class RunConfig:
     true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.world`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     entropy_left: float = 1.0  # of the weight of the actor's entropy, after 60 % of the steps
-    device: str = (
-        "cpu"  # of pictures and network: cpu, cuda, or auto, which is cuda if there is one
-    )
+    device: str = "cpu"  # of pictures and network: cpu, cuda, or auto: cuda if there is one
     workers: int = 1  # processes that learn together, see `trainer.training.crew`
     threads: int = 1  # of torch: a second process gains more than a second thread
 

@@ -3,11 +3,9 @@
 To read it, as help does, takes none of what they need: that is imported where it is used.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import tyro
 
@@ -49,7 +47,7 @@ class TrainOptions:
     device: str | None = None  # Where it draws and learns: cpu, cuda or auto; else the preset's.
     full: bool = False  # Use all the steps, even when the task has been learned.
 
-    def config(self) -> RunConfig:
+    def config(self) -> "RunConfig":
         """The run asked for; DuckpilotError for a wrong name, or what is kept for judging."""
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.tasks.spec import find_task
@@ -104,7 +102,7 @@ class EvaluateOptions:
     episodes: int = 100  # How many.
     seed: int = 1000  # Of the first episode; the next ones have the next seeds.
 
-    def filled_in(self, trained_for: str) -> EvaluateOptions:
+    def filled_in(self, trained_for: str) -> Self:
         """With the maps and the task that are driven: where none is asked for, the policy's own."""
         from sim_pybullet.tasks.spec import find_task
         from trainer.division import maps_named
@@ -121,6 +119,7 @@ class EvaluateOptions:
 
     def check(self) -> None:
         """DuckpilotError unless these ask for something."""
+        from robot.inference.policy import read_contract
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.sensing.guidance_feed import OVERHEAD
         from sim_pybullet.tasks.spec import find_task
@@ -137,7 +136,7 @@ class EvaluateOptions:
         load_look_sampler(self.look, self.pose_error, self.without)
         if not (self.task or Path(self.model).exists()):
             return  # yet
-        spec = find_task(self.task or task_of(Path(self.model)))
+        spec = find_task(self.task or read_contract(self.model).task)
         if self.lane is not None and spec.lanes:
             expect_one_of("lane", self.lane, spec.lanes)
         for name in maps_named(self.map):
@@ -165,14 +164,7 @@ class SweepOptions(WorkerOptions):
         return self.seeds is not None or self.matrix is not None
 
 
-def task_of(model: Path) -> str:
-    """What the policy in a file was trained for; ContractError if it is none."""
-    from robot.inference.policy import read_contract
-
-    return read_contract(model).task
-
-
-def _seen_through(translate: str | None, image: ImageSpec) -> ImageSpec:
+def _seen_through(translate: str | None, image: "ImageSpec") -> "ImageSpec":
     """Whoever sees what a parser sees takes its pictures; others keep the preset's."""
     from robot.inference.policy import PARSING, OnnxTranslator
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.errors import ConfigError
-from robot.inference.policy import TOLERANCE, OnnxPolicy, TranslatingPolicy
+from robot.inference.policy import TOLERANCE, OnnxPolicy, TranslatingPolicy, read_contract
 from robot.inference.preprocess import preprocess_batch
 from sim_pybullet.batch import BatchStep, BatchWorld, DriveMetrics, Observation
 from sim_pybullet.episodes import Looks
@@ -23,7 +23,7 @@ from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import MAX_HEADING_ERROR_RAD, Choices, find_task
 from trainer.judging.intervals import share
-from trainer.options import EvaluateOptions, task_of
+from trainer.options import EvaluateOptions
 
 FILM_S = 10.0  # of what a robot saw is kept
 SETTLED = 20  # decisions after which a robot should have got over where it was put
@@ -169,7 +169,7 @@ def open_policy(model: Path, task: str = "") -> OnnxPolicy:
     For robots it may have any actions that their wheels can do. ContractError as of ``OnnxPolicy``;
     ConfigError for an unknown task, or one of another vehicle than the policy's.
     """
-    trained_for = task_of(model)
+    trained_for = read_contract(model).task
     trained = find_task(trained_for)
     if task and find_task(task).wheeled != trained.wheeled:
         raise ConfigError(
