@@ -18,16 +18,11 @@ from torch.nn import functional
 from robot.contract import ImageSpec
 from robot.inference.policy import DIRECTIONS, TranslatorContract
 from trainer.export import export_translator
+from trainer.learners.backbone import centred
 from trainer.presets import preset
 from trainer.resumable import descend, run_steps, set_rate
 from trainer.transfer.judge import LANE_OVERLAP, lanes_kept
-from trainer.transfer.networks import (
-    PictureTranslator,
-    as_floats,
-    narrow_unet,
-    patch_critic,
-    through,
-)
+from trainer.transfer.networks import PictureTranslator, narrow_unet, patch_critic, through
 from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, load_paint, load_pictures
 
 AVERAGED_STEPS = 200  # over which the weights that are kept are averaged
@@ -258,7 +253,7 @@ class UnpairedPictures:
         photographs = np.stack([_shifted(self._real.images[k], rng) for k in real])
         parts = (self.sim.images[sim], photographs, self._paint[sim])
         first, second, paint = (torch.from_numpy(part).to(self._device) for part in parts)
-        return Batch(as_floats(first), as_floats(second), paint.float() / 255.0)
+        return Batch(centred(first), centred(second), paint.float() / 255.0)
 
 
 class Newest(Memory):

@@ -12,6 +12,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from trainer.learners.backbone import centred
+
 _LEAK = 0.1  # slope beyond black and white, so that gradients come back from there
 MOST_WIDENING = 8  # times the first layer's channels, of pix2pix and of critics
 DROPPED = 3  # of pix2pix: innermost enlargements whose dropout is the noise z
@@ -22,11 +24,6 @@ SEGNETS = {
     # VGG16's thirteen convolutions, as the paper has them
     "paper": ((64, 128, 256, 512, 512), (2, 2, 3, 3, 3)),
 }
-
-
-def as_floats(pictures: torch.Tensor) -> torch.Tensor:
-    """(N, H, W, 3) uint8 -> (N, 3, H, W) float32 in [-1, 1]."""
-    return pictures.permute(0, 3, 1, 2).float() / 127.5 - 1.0
 
 
 def as_bytes(pictures: torch.Tensor) -> torch.Tensor:
@@ -76,7 +73,7 @@ class PictureTranslator(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB."""
-        return as_bytes(self.generator(as_floats(image)))
+        return as_bytes(self.generator(centred(image)))
 
 
 class UNet(nn.Module):
@@ -216,7 +213,7 @@ class SegNet(nn.Module):
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
         """See the class."""
-        x = as_floats(pictures)
+        x = centred(pictures)
         pooled: list[tuple[torch.Tensor, torch.Size]] = []
         for stage in self.encoder:
             whole = stage(x)

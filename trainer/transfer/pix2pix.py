@@ -22,13 +22,13 @@ from robot.errors import ConfigError
 from robot.inference.policy import DIRECTIONS, TranslatorContract
 from robot.inference.preprocess import preprocess_batch
 from trainer.export import export_translator
+from trainer.learners.backbone import centred
 from trainer.presets import preset
 from trainer.resumable import descend, run_steps, set_rate
 from trainer.transfer.cli import ThroughOptions
 from trainer.transfer.labelled import LABEL_SETS, ROAD, LabelSet, load_pairs
 from trainer.transfer.networks import (
     as_bytes,
-    as_floats,
     painted,
     patch_critic,
     pix2pix_unet,
@@ -71,7 +71,7 @@ class Pairs:
         chosen = rng.integers(len(self.given), size=count)
         mirrored = (rng.random(count) < 0.5)[:, None, None, None]
         given, wanted = (
-            as_floats(torch.from_numpy(np.where(mirrored, some[:, :, ::-1], some)))
+            centred(torch.from_numpy(np.where(mirrored, some[:, :, ::-1], some)))
             for some in (self.given[chosen], self.wanted[chosen])
         )
         return given, wanted
@@ -217,7 +217,7 @@ class ThroughParsing(nn.Module):
 
     def parsed(self, pictures: torch.Tensor) -> torch.Tensor:
         """(N, H, W, 3) uint8 -> (N, 3, H, W), each pixel one class's colour in [-1, 1]."""
-        seen = self.to_parsing(as_floats(pictures))
+        seen = self.to_parsing(centred(pictures))
         # |p|^2 less |p - c|^2
         nearness = functional.conv2d(seen, 2.0 * self.colours[:, :, None, None], -self.offsets)
         return painted(nearness, self.colours)

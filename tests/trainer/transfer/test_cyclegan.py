@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from robot.errors import ConfigError
+from trainer.learners.backbone import centred
 from trainer.transfer.cyclegan import (
     Batch,
     CycleGan,
@@ -13,7 +14,7 @@ from trainer.transfer.cyclegan import (
     TranslationConfig,
     translation_preset,
 )
-from trainer.transfer.networks import PictureTranslator, as_bytes, as_floats, narrow_unet
+from trainer.transfer.networks import PictureTranslator, as_bytes, narrow_unet
 
 CPU = torch.device("cpu")
 
@@ -38,7 +39,7 @@ def test_a_fresh_generator_changes_nothing(size: tuple[int, int]) -> None:
 
 def test_bytes_and_floats_are_each_others_inverse() -> None:
     pictures = torch.arange(256, dtype=torch.uint8).reshape(1, 16, 16, 1).expand(1, 16, 16, 3)
-    assert torch.equal(as_bytes(as_floats(pictures)), pictures)
+    assert torch.equal(as_bytes(centred(pictures)), pictures)
     assert as_bytes(torch.full((1, 3, 1, 1), 3.0)).max() == 255
 
 

@@ -9,6 +9,7 @@ import pytest
 import torch
 from torch import nn
 
+from trainer.learners.backbone import centred
 from trainer.transfer.cyclegan import TranslationConfig, translation_preset
 from trainer.transfer.networks import (
     SEGNETS,
@@ -17,7 +18,6 @@ from trainer.transfer.networks import (
     SegNet,
     UNet,
     as_bytes,
-    as_floats,
     narrow_unet,
     painted,
     patch_critic,
@@ -218,7 +218,7 @@ def test_pixels_are_painted_with_the_colour_of_their_best_class() -> None:
 
 def test_floats_are_bytes_from_minus_one_to_one() -> None:
     bytes_ = torch.tensor([0, 127, 128, 255], dtype=torch.uint8).view(1, 1, 4, 1)
-    floats = as_floats(bytes_.expand(1, 1, 4, 3))
+    floats = centred(bytes_.expand(1, 1, 4, 3))
     assert floats.shape == (1, 3, 1, 4)
     torch.testing.assert_close(floats[0, 0, 0], torch.tensor([-1.0, -1 / 255, 1 / 255, 1.0]))
     back = as_bytes(torch.tensor([-1.5, -1.0, 0.0, 0.0039, 0.0041, 1.0, 7.0]).view(1, 1, 1, 7))

@@ -8,10 +8,11 @@ import torch
 from robot.errors import ConfigError
 from robot.inference.policy import OnnxTranslator
 from trainer.cli import main
+from trainer.learners.backbone import centred
 from trainer.presets import preset
 from trainer.transfer.cli import ParseOptions, ThroughOptions
 from trainer.transfer.labelled import ROAD
-from trainer.transfer.networks import SEGNETS, as_bytes, as_floats
+from trainer.transfer.networks import SEGNETS, as_bytes
 from trainer.transfer.parser import Parser, save_parser
 from trainer.transfer.pix2pix import (
     PIX2PIX,
@@ -92,7 +93,7 @@ def test_between_the_networks_each_pixel_is_the_nearest_classes_colour() -> None
     network = ThroughParsing(generator(TINY).eval(), generator(TINY).eval())
     pictures = torch.randint(0, 256, (3, 16, 32, 3), dtype=torch.uint8)
     with torch.no_grad():
-        seen = as_bytes(network.to_parsing(as_floats(pictures))).numpy()
+        seen = as_bytes(network.to_parsing(centred(pictures))).numpy()
         read = as_bytes(network.parsed(pictures)).numpy()
     assert np.mean(ROAD.paint(ROAD.read(seen)) == read) > 0.999  # bytes are rounded
 
