@@ -90,13 +90,7 @@ class Ruled:
 class _View(LaneView):
     """All robots ask of the same poses, of which each is looked up once."""
 
-    def __init__(self, road_map: RoadMap) -> None:
-        super().__init__(road_map)
-        self._line_ahead_m = lru_cache(maxsize=256)(super().line_ahead_m)
-
-    def line_ahead_m(self, pose: Pose) -> float:
-        """See `LaneView`."""
-        return self._line_ahead_m(pose)
+    line_ahead_m = lru_cache(maxsize=4096)(LaneView.line_ahead_m)
 
 
 class _Above:
