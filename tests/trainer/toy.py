@@ -19,6 +19,7 @@ from trainer.algorithms import Making, find_algorithm
 from trainer.config import EvaluationConfig, NetConfig, RunConfig
 from trainer.presets import preset
 from trainer.run import RunFolder
+from trainer.training import watch
 from trainer.training.train import train
 
 SIDE_PX = 36
@@ -112,7 +113,8 @@ def toy_config(algorithm: str, steps: int, seed: int = 0) -> RunConfig:
 
 
 def train_toy(config: RunConfig, path: Path) -> Any:
-    return train(config, RunFolder(path), make_toy, Console(quiet=True), checkpoint_period_s=0.5)
+    watch.CHECKPOINT_PERIOD_S = 0.5
+    return train(config, RunFolder(path), make_toy, Console(quiet=True))
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -35,7 +35,7 @@ def running_mean(values: np.ndarray, window: int = MEAN_EPISODES) -> np.ndarray:
 
 def draw_curve(folder: RunFolder, config: RunConfig) -> None:
     """Write ``curve.png`` of one run."""
-    evaluations = read_state(folder.checkpoint).evaluations if folder.checkpoint.exists() else []
+    evaluations = read_state(folder.checkpoint).evaluations if folder.checkpoint.exists() else ()
     name = find_algorithm(config.algorithm).title
     title = f"{config.task}, {name} ({config.preset}, seed {config.seed})"
     draw_panels([(title, [(folder.episodes(), evaluations)])], folder.curve)

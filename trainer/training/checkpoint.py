@@ -1,6 +1,6 @@
 """What a run must remember to go on: network, optimiser, counters and the record so far."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +41,8 @@ class TrainState:
 
     seconds: float = 0.0  # wall clock of training, evaluations included
     evaluation_seconds: float = 0.0
-    cpu_seconds: float = 0.0  # of all threads, and of A3C.s workers
-    evaluations: list[Evaluated] = field(default_factory=list)
+    cpu_seconds: float = 0.0  # of all threads, and of A3C's workers
+    evaluations: tuple[Evaluated, ...] = ()
     stopped_by: str = ""  # steps, seconds, solved or interrupted; empty while it runs
 
     @property
@@ -78,9 +78,7 @@ def read_state(path: Path, model: BaseAlgorithm | None = None) -> TrainState:
     with loaded(path, "the checkpoint of this run", remedy=REMEDY) as content:
         if model is not None:
             put_back(model, content)
-        state = from_plain(TrainState, content["state"], where=str(path))
-        state.evaluations = list(state.evaluations)
-    return state
+        return from_plain(TrainState, content["state"], where=str(path))
 
 
 def load_policy(path: Path, policy: BasePolicy) -> None:

@@ -45,7 +45,6 @@ def train(
     folder: RunFolder,
     make_env: EnvMaker,
     console: Console,
-    checkpoint_period_s: float = 10.0,
     launcher: Processes | None = None,
 ) -> Metrics:
     """Train until the steps, the seconds or the task are done; go on from a checkpoint if any.
@@ -79,8 +78,7 @@ def train(
         closing.callback(model.logger.close)
         log = EpisodeLog(folder, model.num_timesteps * config.workers)
         closing.callback(log.file.close)
-        beside = (judging_env, console, checkpoint_period_s, crew)
-        watch = Watch(config, folder, state, log, *beside)
+        watch = Watch(config, folder, state, log, judging_env, console, crew)
         watch.init_callback(model)
         closing.enter_context(watch.bar)
         with _stop_on_signal(state):
@@ -119,7 +117,7 @@ def _finish(config: RunConfig, folder: RunFolder, watch: Watch, episodes: int) -
         success_rate=state.best.success_rate if state.best else float("nan"),
         stopped_by=reason,
         seed=config.seed,
-        evaluations=tuple(state.evaluations),
+        evaluations=state.evaluations,
     )
     if not interrupted:
         export_weights(folder, config, folder.best, folder.onnx)
@@ -135,10 +133,7 @@ def _stop_on_signal(state: TrainState) -> Iterator[None]:
     def ask_to_stop(*_: object) -> None:
         state.stopped_by = "interrupted"
 
-    caught = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, ask_to_stop) for number in caught}
-    try:
+    with ExitStack() as caught:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            caught.callback(signal.signal, number, signal.signal(number, ask_to_stop))
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

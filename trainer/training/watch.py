@@ -4,7 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -26,6 +26,7 @@ from trainer.training.crew import Crew, share_of
 
 DISPLAY_PERIOD_S = 0.25
 LOG_PERIOD_S = 2.0
+CHECKPOINT_PERIOD_S = 10.0
 RECENT_EPISODES = 50  # the paper's running mean
 LONGEST_FILM = 600  # decisions of an evaluation that are filmed: a minute
 
@@ -33,9 +34,9 @@ LONGEST_FILM = 600  # decisions of an evaluation that are filmed: a minute
 class Watch(BaseCallback):
     """Watches one training, and stops it when its time is up, or the task done.
 
-    ``folder`` gets the best policy, the film of an evaluation, and checkpoints, every ``period_s``;
-    ``state`` is the record that it keeps, ``env`` where the policy is evaluated, ``crew`` the
-    processes that learn with this one.
+    ``folder`` gets the best policy, the film of an evaluation, and checkpoints; ``state`` is the
+    record that it keeps, ``env`` where the policy is evaluated, ``crew`` the processes that learn
+    with this one.
     """
 
     def __init__(
@@ -46,13 +47,11 @@ class Watch(BaseCallback):
         log: EpisodeLog,
         env: VecEnv,
         console: Console,
-        period_s: float,
         crew: Crew,
     ) -> None:
         super().__init__()
         self._config, self._folder, self.state, self._log = config, folder, state, log
-        self._env, self._period_s = env, period_s
-        self._crew, self._others_cpu_s = crew, 0.0
+        self._env, self._crew, self._others_cpu_s = env, crew, 0.0
         backbone = config.net.backbone
         self._seer = Seer(Path(backbone), config.device) if backbone else None
         robots = share_of(config, rank=0).learn.robots
@@ -100,7 +99,7 @@ class Watch(BaseCallback):
             self._write_scalars()
         if self._evaluation_is_due():
             self.evaluate()
-        if time.monotonic() - self._saved >= self._period_s:
+        if time.monotonic() - self._saved >= CHECKPOINT_PERIOD_S:
             self.save()
         if now - self._shown >= DISPLAY_PERIOD_S:
             self._shown = now
@@ -127,19 +126,20 @@ class Watch(BaseCallback):
         state, wanted = self.state, self._config.evaluation
         seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
         frames: list[np.ndarray] = []
-        result = drive_greedily(self._choose, self._env, seed, wanted.rounds, frames.append)
-        took, distance_m = time.monotonic() - began, float(result.distance_m.mean())
+        driven = drive_greedily(self._choose, self._env, seed, wanted.rounds, frames.append)
+        rewards, steps, success, distance_m = (float(part.mean()) for part in driven)
+        took = time.monotonic() - began
         state.evaluation_seconds += took
         evaluated = Evaluated(
             self.steps,
             state.seconds + took,
-            float(result.success.mean()),
-            float(result.rewards.mean()),
-            float(result.steps.mean()),
+            success,
+            rewards,
+            steps,
             state.cpu_seconds + time.process_time() - cpu_began,
             None if np.isnan(distance_m) else distance_m,
         )
-        state.evaluations.append(evaluated)
+        state.evaluations += (evaluated,)
         if state.best is evaluated:
             save_torch(self._folder.best, self.model.policy.state_dict())
         if frames[0].ndim == 3:
@@ -193,24 +193,17 @@ class Watch(BaseCallback):
         return not state.stopped_by
 
 
-class GreedyResult(NamedTuple):
-    """The first R episodes of each of N robots."""
-
-    rewards: np.ndarray  # (R, N) summed over the episode
-    steps: np.ndarray  # (R, N) decisions
-    success: np.ndarray  # (R, N) 1 or 0
-    distance_m: np.ndarray  # (R, N) from the path, mean of an episode; NaN where nothing tells it
-
-
 def drive_greedily(
     choose: Callable[[Any], np.ndarray],
     env: VecEnv,
     seed: int,
     rounds: int = 1,
     watch: Callable[[np.ndarray], None] | None = None,
-) -> GreedyResult:
+) -> np.ndarray:
     """Reset ``env`` with ``seed`` and drive until every robot has ended so many episodes.
 
+    (4, rounds, N) of each: reward, decisions, success (1 or 0), mean distance from the path [m],
+    which is NaN where nothing tells it.
     ``choose`` gives the actions (N,) of what N robots see.
     ``watch`` is shown what the first robot sees, (H, W, 3) uint8, in its first episode.
     """
@@ -227,4 +220,4 @@ def drive_greedily(
             if len(ends[k]) < rounds:  # others are waited for
                 ends[k].append((*told, off_m[k] / told[1]))
             off_m[k] = 0.0
-    return GreedyResult(*np.ascontiguousarray(np.array(ends, dtype=float).T))
+    return np.ascontiguousarray(np.array(ends, dtype=float).T)

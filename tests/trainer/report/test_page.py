@@ -43,7 +43,7 @@ def judge(folder: RunFolder, failures: tuple[int, ...] = (), zero: str | None = 
     )
     share = 1.0 - len(failures) / episodes
     figures = (share, 0.5 * share, 0.02, 30.0, 9.0, 0.5)
-    result = Evaluation(inputs, episodes, *figures, failures, config.algorithm, folder.name)
+    result = Evaluation(inputs, episodes, *figures, failures, config.algorithm, folder.path.name)
     path = folder.path / f"evaluation{zero or ''}.json"
     write_json(path, {**to_plain(result), "inputs": inputs.plain()})
     return path
@@ -143,9 +143,9 @@ def test_each_run_has_a_row_by_algorithm_and_seed(tmp_path: Path) -> None:
 def test_learned_is_the_first_good_evaluation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shares: tuple[float, ...], told: list[str]
 ) -> None:
-    evaluations = [
+    evaluations = tuple(
         Evaluated(100 * (k + 1), 10.0 * (k + 1), share, 1.0, 1.0) for k, share in enumerate(shares)
-    ]
+    )
     folder = make_run(tmp_path / "a")
     folder.checkpoint.touch()
     monkeypatch.setattr(module, "read_state", lambda _: TrainState(evaluations=evaluations))
