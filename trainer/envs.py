@@ -66,9 +66,9 @@ def parts_of(observation: Any) -> dict[str, Any]:
 
 
 def image_changed(observation: Any, change: Callable[[Any], Any]) -> Any:
-    """What robots see, pictures or a dict with them as ``image``, the pictures changed."""
-    if isinstance(observation, dict):
-        return {**observation, "image": change(observation["image"])}
+    """What robots see, or may see, pictures or a dict with them as ``image``, these changed."""
+    if isinstance(observation, (dict, spaces.Dict)):
+        return type(observation)({**observation, "image": change(observation["image"])})
     return change(observation)
 
 

@@ -40,12 +40,11 @@ class KeptThere(SeenOtherwise):
     """In place of pictures, alone or in a dict as ``image``, their numbers in ``pictures``."""
 
     def __init__(self, env: VecEnv, config: RunConfig) -> None:
-        parts, learn = spaces_of(env.observation_space), config.learn
+        shown, learn = env.observation_space, config.learn
         rollout = getattr(learn, "rollout", 0) or getattr(learn, "a2c_rollout", 0)
         kept = getattr(learn, "buffer", 0) or rollout * learn.robots
         most = 2 * (kept + learn.robots)  # every step may end an episode, whose last picture counts
-        self.pictures = PictureStore(most, parts["image"].shape, cast(Any, env).device)
-        number: spaces.Space[Any] = spaces.Box(0, most - 1, (), np.int64)
-        if isinstance(env.observation_space, spaces.Dict):
-            number = spaces.Dict({**parts, "image": number})
-        super().__init__(env, lambda seen, _: image_changed(seen, self.pictures.put), number)
+        shape = spaces_of(shown)["image"].shape
+        self.pictures = PictureStore(most, shape, cast(Any, env).device)
+        numbers = image_changed(shown, lambda _: spaces.Box(0, most - 1, (), np.int64))
+        super().__init__(env, lambda seen, _: image_changed(seen, self.pictures.put), numbers)

@@ -52,11 +52,9 @@ def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
 
 def seen_by(env: VecEnv, backbone: Seer) -> SeenOtherwise:
     """In place of pictures (H, W, 3 F), alone or in a dict as ``image``, what a backbone saw."""
-    parts = spaces_of(env.observation_space)
-    width = backbone.width * parts["image"].shape[2] // 3
-    space: spaces.Space = spaces.Box(-np.inf, np.inf, (width,), np.float32)
-    if isinstance(env.observation_space, spaces.Dict):
-        space = spaces.Dict({**parts, "image": space})
+    width = backbone.width * spaces_of(env.observation_space)["image"].shape[2] // 3
+    said = spaces.Box(-np.inf, np.inf, (width,), np.float32)
+    space = image_changed(env.observation_space, lambda _: said)
     return SeenOtherwise(env, lambda seen, _: image_changed(seen, backbone), space)
 
 
