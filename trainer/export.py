@@ -44,21 +44,19 @@ class Exported:
     int8_same_choice: float  # share of the frames where INT8 and FP32 choose alike
 
 
-def export_run(
-    folder: RunFolder, config: RunConfig, env: VecEnv, frames: int = CHECKED_FRAMES
-) -> Exported:
+def export_run(folder: RunFolder, config: RunConfig, env: VecEnv) -> Exported:
     """Write ``model.onnx``, ``model_int8.onnx`` and ``export.json`` of a run's kept policy.
 
     ConfigError if there is none yet, ContractError if torch and ONNX disagree on some frame.
     """
     network = export_weights(folder, config, folder.best, folder.onnx)
     rng = np.random.default_rng(config.seed)
-    calibration = collect_observations(network, env, frames, rng)
+    calibration = collect_observations(network, env, CHECKED_FRAMES, rng)
     quantise(folder.onnx, calibration, folder.onnx_int8)
-    checked = collect_observations(network, env, frames, rng)  # of other episodes
+    checked = collect_observations(network, env, CHECKED_FRAMES, rng)  # of other episodes
     difference = check_equal(network, folder.onnx, checked)
     choices = [run_onnx(path, checked).argmax(1) for path in (folder.onnx, folder.onnx_int8)]
-    exported = Exported(frames, difference, float((choices[0] == choices[1]).mean()))
+    exported = Exported(CHECKED_FRAMES, difference, float((choices[0] == choices[1]).mean()))
     write_json(folder.exported, exported)
     return exported
 
@@ -80,7 +78,7 @@ def export_weights(folder: RunFolder, config: RunConfig, weights: Path, out: Pat
         path_points=spec.path_points,
         actions=spec.actions,
         frames=spec.kind.frames,
-        run=folder.name,
+        run=folder.path.resolve().name,
         trained_steps=best.step if best else 0,
         score=best.success_rate if best else None,
     )

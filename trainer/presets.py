@@ -10,7 +10,6 @@ from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 from robot.contract import ImageSpec
-from robot.errors import ConfigError, nearest
 from sim_pybullet.tasks.spec import find_task
 from trainer.algorithms import find_algorithm
 from trainer.config import WHOLE_FRAME, EvaluationConfig, NetConfig, RunConfig, expect_one_of
@@ -39,8 +38,7 @@ def changed(settings: Settings, changes: Changes) -> Settings:
     names = [each.name for each in fields(settings)]  # type: ignore[arg-type]
     new = {}
     for key, value in changes.items():
-        if key not in names:
-            raise ConfigError(f"preset: unknown {key!r}; {nearest(key, names)}")
+        expect_one_of("preset", key, names)
         nested = isinstance(value, Mapping)
         new[key] = changed(getattr(settings, key), value) if nested else value
     return replace(settings, **new)  # type: ignore[type-var]

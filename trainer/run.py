@@ -100,11 +100,6 @@ class RunFolder:
         self.metrics = path / "metrics.json"
         self.tensorboard = path / "tensorboard"
 
-    @property
-    def name(self) -> str:
-        """The folder's own name."""
-        return self.path.resolve().name
-
     def refuse_another(self, config: RunConfig) -> None:
         """ConfigError if a run lies here that differs in more than its limits."""
         if not self.config.exists():

@@ -139,5 +139,6 @@ def test_int8_is_checked_on_frames_that_did_not_calibrate_it(
     monkeypatch.setattr(export, "quantise", learn_by_heart)
     monkeypatch.setattr(export, "run_onnx", answer)
     monkeypatch.setattr(export, "check_equal", lambda *_: 0.0)
-    assert export_run(folder, config, make_toy(config, 16, 5), 400).int8_same_choice < 0.05
+    monkeypatch.setattr(export, "CHECKED_FRAMES", 400)
+    assert export_run(folder, config, make_toy(config, 16, 5)).int8_same_choice < 0.05
     assert len(calibration) == 400

@@ -194,15 +194,17 @@ def write_page(template: str, path: Path, **what: Any) -> None:
 
 def _films(paths: Sequence[Path], runs: Sequence[Run], missing: list[str]) -> list[Picture]:
     """Every MP4 in a run's folder, or in a folder that was named."""
-    latest = {run.folder.film: f"The latest evaluation of {run.folder.name}" for run in runs}
+    names = {run.folder.film: run.folder.path.resolve().name for run in runs}
     shown, worst = [], {picture.path for picture in _worst(runs)}
     for folder in dict.fromkeys([*paths, *(run.folder.path for run in runs)]):
         for file in sorted({*folder.glob("[!.]*.mp4")} - worst):
             if file.stat().st_size > FILM_BYTES:
                 missing.append(f"{file}: too large for this page; open it beside it")
                 continue
-            caption = "What one robot saw." if file in latest else ""
-            shown.append(Picture(latest.get(file, file.stem.capitalize()), file, caption))
+            title, caption = file.stem.capitalize(), ""
+            if file in names:
+                title, caption = f"The latest evaluation of {names[file]}", "What one robot saw."
+            shown.append(Picture(title, file, caption))
     return shown
 
 

@@ -24,6 +24,7 @@ from robot.camera.files import read_picture
 from robot.errors import ConfigError, nearest
 from robot.typed_config import load_yaml
 from sim_pybullet.scene import SemanticClass
+from trainer.config import expect_one_of
 from trainer.transfer.cli import ParseOptions, is_collection
 from trainer.transfer.pictures import label_of, pictures_in
 
@@ -245,9 +246,7 @@ def draw(photograph: Photograph, drawn_in: tuple[int, int], size: tuple[int, int
     picture = np.zeros(size, np.uint8)  # background
     scale = np.array(size[::-1]) / np.array(drawn_in)
     for shape in photograph.shapes:
-        if shape.kind not in _VALUES:
-            said = nearest(shape.kind, _VALUES)
-            raise ConfigError(f"{photograph.file}: unknown class {shape.kind!r}; {said}")
+        expect_one_of(f"{photograph.file}: class", shape.kind, _VALUES)
         # OpenCV's whole numbers are the middles of pixels
         points = np.round((np.array(shape.points) * scale - 0.5) * 2**_FRACTION_BITS)
         value, how = _VALUES[shape.kind], (cv2.LINE_8, _FRACTION_BITS)

@@ -38,14 +38,12 @@ MOST_WEIGHT = 3.16  # of a class
 class Parser(nn.Module):
     """Frames -> classes; as a module it is a translator: each pixel becomes its class's colour."""
 
-    colours: torch.Tensor  # (C, 3)
-
     def __init__(self, options: ParseOptions) -> None:
         super().__init__()
         self.options, self.labels = options, LABEL_SETS[options.labels]
         self.image = ImageSpec(options.size[1], options.size[0])  # what it sees
         self.network = SegNet(len(self.labels.classes), *SEGNETS[options.net])
-        self.register_buffer("colours", torch.tensor(self.labels.colours, dtype=torch.float32))
+        self.colours = nn.Buffer(torch.tensor(self.labels.colours, dtype=torch.float32))  # (C, 3)
 
     def parse(self, frames: np.ndarray) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB of the size it was taught with -> (N, H, W) uint8 labels."""

@@ -205,15 +205,12 @@ def _small(classes: np.ndarray, labels: LabelSet, image: ImageSpec) -> np.ndarra
 class ThroughParsing(nn.Module):
     """Both networks as one: (N, H, W, 3) uint8 RGB -> the same; what is exported."""
 
-    colours: torch.Tensor  # (C, 3) in [-1, 1]
-    offsets: torch.Tensor  # (C,) their squared lengths
-
     def __init__(self, to_parsing: nn.Module, to_real: nn.Module, labels: LabelSet = ROAD) -> None:
         super().__init__()
         self.to_parsing, self.to_real = to_parsing, to_real
         colours = torch.tensor(labels.colours, dtype=torch.float32)
-        self.register_buffer("colours", colours / 127.5 - 1.0)
-        self.register_buffer("offsets", self.colours.square().sum(1))
+        self.colours = nn.Buffer(colours / 127.5 - 1.0)  # (C, 3) in [-1, 1]
+        self.offsets = nn.Buffer(self.colours.square().sum(1))  # (C,)
 
     def parsed(self, pictures: torch.Tensor) -> torch.Tensor:
         """(N, H, W, 3) uint8 -> (N, 3, H, W), each pixel one class's colour in [-1, 1]."""

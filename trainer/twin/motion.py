@@ -52,12 +52,6 @@ class Motion(NamedTuple):
     values: np.ndarray
     sd: np.ndarray
 
-    @property
-    def look(self) -> DriveLook:
-        """As the simulator has it; the delay is that from command to what told the poses."""
-        found = dict(zip(NAMES, self.values.tolist(), strict=False))
-        return replace(DriveLook(), noise=0.0, **found)
-
 
 def obeyed(drive: Told) -> float:
     """Correlation of how the robot turned within a second with how it was told to; 1 if never."""
@@ -73,8 +67,9 @@ def obeyed(drive: Told) -> float:
 def reckoned(commands: np.ndarray, values: np.ndarray) -> np.ndarray:
     """(P, K + 1, 3) where the model gets from (0, 0, 0) under commands (K, 2), for P guesses."""
     model = MotorModel(len(values))
-    for i, row in enumerate(values):
-        model.reset(i, replace(Motion(row, row).look, delay_s=0.0))
+    for i, row in enumerate(values.tolist()):
+        known = dict(zip(NAMES, row, strict=False), delay_s=0.0)  # late is what told the poses
+        model.reset(i, replace(DriveLook(), noise=0.0, **known))
     rng = np.random.default_rng(0)  # of noise, and there is none
     twists = np.zeros((len(values), len(commands), 2))
     for k, wheels in enumerate(commands):
