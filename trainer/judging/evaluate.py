@@ -14,7 +14,13 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.errors import ConfigError
-from robot.inference.policy import TOLERANCE, OnnxPolicy, TranslatingPolicy, read_contract
+from robot.inference.policy import (
+    TOLERANCE,
+    OnnxPolicy,
+    TranslatingPolicy,
+    open_translator,
+    read_contract,
+)
 from robot.inference.preprocess import preprocess_batch
 from sim_pybullet.batch import BatchStep, BatchWorld, DriveMetrics, Observation
 from sim_pybullet.episodes import Looks
@@ -163,11 +169,12 @@ class Evaluation:
     schema: int = 1
 
 
-def open_policy(model: Path, task: str = "") -> OnnxPolicy:
+def open_policy(model: str | Path, task: str = "", translate: str | None = None) -> DrivingPolicy:
     """The policy in a file; ``task``: what it shall do, else what it was trained for.
 
-    For robots it may have any actions that their wheels can do. ContractError as of ``OnnxPolicy``;
-    ConfigError for an unknown task, or one of another vehicle than the policy's.
+    ``translate``: an ONNX translator before it. For robots it may have any actions that their
+    wheels can do. ContractError as of ``OnnxPolicy``; ConfigError for an unknown task, or one of
+    another vehicle than the policy's.
     """
     trained_for = read_contract(model).task
     trained = find_task(trained_for)
@@ -176,7 +183,10 @@ def open_policy(model: Path, task: str = "") -> OnnxPolicy:
             f"{model}: expected a policy for {task}, got one for {trained_for}; "
             "these are driven by different vehicles"
         )
-    return OnnxPolicy(model, actions=None if trained.wheeled else trained.actions)
+    policy = OnnxPolicy(model, actions=None if trained.wheeled else trained.actions)
+    if translate is None:
+        return policy
+    return TranslatingPolicy(policy, open_translator(translate, policy.contract.image))
 
 
 def ridden(

@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.table import Table
 
 from robot.errors import ConfigError
-from robot.inference.policy import TranslatingPolicy, open_translator
 from robot.navigation.road_map import RoadMap
 from robot.output import expect_writable, write_json
 from robot.typed_config import read_json, to_plain
@@ -18,15 +17,7 @@ from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.spec import find_task
 from trainer.division import part_of
 from trainer.judging.blocks import drive_blocks, kept_beside
-from trainer.judging.evaluate import (
-    Drive,
-    DrivingPolicy,
-    Evaluation,
-    Ride,
-    open_policy,
-    ridden,
-    summarise,
-)
+from trainer.judging.evaluate import Drive, Evaluation, Ride, open_policy, ridden, summarise
 from trainer.judging.films import Scene, films_of, keep_films
 from trainer.options import EvaluateOptions
 
@@ -52,7 +43,8 @@ class Missions:
         where = asked.task, list(map(spec.load, asked.map)), looks, seeds
         sources = PoseSources(asked.overhead, OnnxSight(asked.sight) if asked.sight else None)
         how = asked.zero, asked.lane, sources, self.films
-        for drive, ride in ridden(_open(asked), *where, *how):
+        policy = open_policy(asked.model, asked.task, asked.translate)
+        for drive, ride in ridden(policy, *where, *how):
             yield drive, _scene(drive, ride) if self.films else None
 
 
@@ -64,7 +56,7 @@ def judge(
     ``films``: whether to film the worst beside ``out``; ``workers``: processes, else one a core.
     """
     expect_writable(out, inputs=[Path(options.model)])
-    policy = _open(options)
+    policy = open_policy(options.model, options.task, options.translate)
     asked = options.filled_in(policy.contract.task)
     parts = {
         place.name: part_of(place)
@@ -84,13 +76,6 @@ def judge(
                 keep_films(worst, *films_of(out))
     _tell(console, result)
     return 0
-
-
-def _open(options: EvaluateOptions) -> DrivingPolicy:
-    policy = open_policy(Path(options.model), options.task)
-    if options.translate is None:
-        return policy
-    return TranslatingPolicy(policy, open_translator(options.translate, policy.contract.image))
 
 
 def answers(file: Path, options: EvaluateOptions) -> bool:
