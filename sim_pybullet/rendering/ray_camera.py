@@ -65,10 +65,9 @@ class RigTables:
 
 
 def _with_room(array: np.ndarray, length: int) -> np.ndarray:
-    """An array (N, K, ...) that has at least this length in its second axis."""
-    missing = max(0, length - array.shape[1])
-    pad = [(0, missing) if axis == 1 else (0, 0) for axis in range(array.ndim)]
-    return np.pad(array, pad) if missing else array
+    """An array (N, K, C) that has at least this length in its second axis."""
+    missing = length - array.shape[1]
+    return np.pad(array, ((0, 0), (0, missing), (0, 0))) if missing > 0 else array
 
 
 class RayCamera:

@@ -8,7 +8,7 @@ from robot.lens import CameraRig
 from sim_pybullet.rendering.mip_texture import mip_texture
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.rendering.rays import MAX_TAPS, FloorTable, floor_shade
-from sim_pybullet.rendering.solid_geometry import CYLINDER, SHAPE
+from sim_pybullet.rendering.solid_geometry import ROUND
 from sim_pybullet.rendering.solid_kernel import in_sight
 from sim_pybullet.rendering.torch_solids import (
     UNSEEN,
@@ -109,7 +109,7 @@ class TorchCamera(RayCamera):
             return
         rows, boxes, colours, lights, seen = in_sight(views, self._rows.shape[1])
         nearest = torch.full((len(poses) * 4 * pictures.shape[1],), UNSEEN, device=self._device)
-        round_ = rows[..., SHAPE] == CYLINDER
+        round_ = rows[..., ROUND] > 0.0
         for which, meet in ((seen & ~round_, meet_boxes), (seen & round_, meet_cylinders)):
             who, _ = np.nonzero(which)
             where = np.stack((who, views.slots[who]), axis=-1)
