@@ -146,8 +146,7 @@ class BatchWorld:
     def reset(self, poses: np.ndarray | None = None) -> Observation:
         """Begin an episode of every robot, at these poses (N, 3) if any are given.
 
-        Raises:
-            DuckpilotError: an episode cannot begin there.
+        DuckpilotError where an episode cannot begin there.
         """
         return self._observe(self._begin(np.arange(self.n_robots), poses))
 
@@ -158,8 +157,7 @@ class BatchWorld:
             actions: (N,) numbers of the vehicle's actions, or (N, 2) from -1 to 1: any pair of
                 speeds, see the vehicle's ``step``.
 
-        Raises:
-            ContractError: not one action of the vehicle per robot.
+        ContractError: not one action of the vehicle per robot.
         """
         collided = self._drive(_checked(actions, self.n_robots, len(self.task.vehicle.actions)))
         poses, active = self._town.poses, self.active
