@@ -36,6 +36,12 @@ def expect_between(name: str, value: float, low: float, high: float) -> None:
         raise ConfigError(f"{name}: expected {low} to {high}, got {value}")
 
 
+def expect_one_of(what: str, name: str, valid: Iterable[str]) -> None:
+    """ConfigError that names the nearest choice unless ``name`` is among them."""
+    if name not in valid:
+        raise ConfigError(f"{what}: unknown {name!r}; {nearest(name, valid)}")
+
+
 def nearest(name: str, valid: Iterable[str]) -> str:
     """The clause that ends an unknown-name message: the closest valid name, then all of them."""
     names = sorted(valid)

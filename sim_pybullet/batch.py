@@ -15,7 +15,6 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_STEPS
-from sim_pybullet.rendering.batch_camera import BatchCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.sensing.guidance_feed import ALWAYS, GuidanceFeed, PoseSources
@@ -74,7 +73,7 @@ class BatchWorld:
         image: ImageSpec | None = None,
         seed: int = 0,
         pool_size: int = 16,
-        camera: BatchCamera | None = None,
+        camera: RayCamera | None = None,
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
         sources: PoseSources = ALWAYS,
@@ -147,8 +146,7 @@ class BatchWorld:
     def reset(self, poses: np.ndarray | None = None) -> Observation:
         """Begin an episode of every robot, at these poses (N, 3) if any are given.
 
-        Raises:
-            DuckpilotError: an episode cannot begin there.
+        DuckpilotError where an episode cannot begin there.
         """
         return self._observe(self._begin(np.arange(self.n_robots), poses))
 
@@ -159,8 +157,7 @@ class BatchWorld:
             actions: (N,) numbers of the vehicle's actions, or (N, 2) from -1 to 1: any pair of
                 speeds, see the vehicle's ``step``.
 
-        Raises:
-            ContractError: not one action of the vehicle per robot.
+        ContractError: not one action of the vehicle per robot.
         """
         collided = self._drive(_checked(actions, self.n_robots, len(self.task.vehicle.actions)))
         poses, active = self._town.poses, self.active

@@ -296,9 +296,8 @@ def make_world(
         choices: ``lane``, ``style``, ``laps``, ``scenario`` or ``start_spread``, as of
             `sim_pybullet.tasks.spec.Choices`.
 
-    Raises:
-        MapError: no such map, or not one for this task.
-        ConfigError: no such task or look, or something that this task has no use for.
+    MapError: no such map, or not one for this task. ConfigError: no such task or look, or something
+    that this task has no use for.
     """
     spec = find_task(task)
     names = [road_map] if isinstance(road_map, str) else road_map or [spec.map]

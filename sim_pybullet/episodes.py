@@ -67,8 +67,7 @@ class LookPool:
     and everything else from a Look of its own, of the same site where the sampler has several:
     what one file says of floor, camera, sensor, drive and timing belongs together.
 
-    Raises:
-        ConfigError: an empty list, or a size below 1.
+    ConfigError for an empty list, or a size below 1.
     """
 
     def __init__(

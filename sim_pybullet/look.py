@@ -193,13 +193,9 @@ ARENA_POSE = PoseLook(
 POSE_ERRORS = {"none": PoseLook(), "arena": ARENA_POSE}
 
 
-def look_from_plain(data: object, where: str = "look") -> Look:
-    """A Look from plain nested data, as YAML gives it.
-
-    Raises:
-        ConfigError: it does not fit, or is beyond its limits.
-    """
-    look = from_plain(Look, data, where=where)
+def look_from_plain(data: object) -> Look:
+    """A Look from plain nested data, as YAML gives it; ConfigError beyond its limits."""
+    look = from_plain(Look, data, where="look")
     for name in get_type_hints(Look):
         group = getattr(look, name)
         for leaf, kind in get_type_hints(type(group), include_extras=True).items():

@@ -114,12 +114,22 @@ EXPERT_AHEAD_M = 0.14  # along its path, where the expert heads for
 _CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])  # [1/m]
 
 
+def expert_actions(
+    paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray, ahead_m: float = EXPERT_AHEAD_M
+) -> np.ndarray:
+    """The actions (N,) of experts at true poses (N, 3): whose circle is nearest to `pursuit`'s."""
+    curvature = pursuit(paths, poses, np.asarray(arc_m) + ahead_m)
+    return np.abs(curvature[:, None] - _CURVATURES).argmin(axis=1)
+
+
 class WheeledRobots(MotorModel):
     """The project's robots, whose actions are pairs of wheel speeds, and their motors.
 
     A task may have other vehicles, such as `sim_pybullet.tasks.track_racing.RacingCars`: they have
     actions, each as two numbers, and ``counted``, ``reset``, ``step`` and ``expert`` as these.
     """
+
+    expert = staticmethod(expert_actions)
 
     def __init__(self, n_robots: int, actions: ActionTable = FIVE_ACTIONS) -> None:
         super().__init__(n_robots)
@@ -132,18 +142,6 @@ class WheeledRobots(MotorModel):
         """
         speeds = self._table[actions] if actions.ndim == 1 else MAX_WHEEL_MPS * actions
         return super().step(speeds, rng)
-
-    def expert(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
-        """(N,) what a driver would choose who knows the true poses (N, 3) and the path."""
-        return expert_actions(paths, poses, arc_m)
-
-
-def expert_actions(
-    paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray, ahead_m: float = EXPERT_AHEAD_M
-) -> np.ndarray:
-    """The actions (N,) of experts at true poses (N, 3): whose circle is nearest to `pursuit`'s."""
-    curvature = pursuit(paths, poses, np.asarray(arc_m) + ahead_m)
-    return np.abs(curvature[:, None] - _CURVATURES).argmin(axis=1)
 
 
 def pursuit(paths: PathBatch, poses: np.ndarray, ahead_m: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError, expect_one_of, nearest
 from robot.typed_config import read_yaml, to_plain
 from sim_pybullet.look import NOMINAL, POSE_ERRORS, Look, look_from_plain
 
@@ -77,8 +77,7 @@ def load_look_sampler(
         pose_error: a name in `sim_pybullet.look.POSE_ERRORS`; without it the Look's own.
         without: what stays nominal, ``group`` or ``group.field``.
 
-    Raises:
-        ConfigError: no such file or name, an unknown key, or a distribution that cannot be drawn.
+    ConfigError: no such file or name, an unknown key, or a distribution that cannot be drawn.
     """
     path = _find(source)
     if path.is_dir():
@@ -87,8 +86,7 @@ def load_look_sampler(
     sample = look_sampler(_without(read_yaml(path), without), where=str(path))
     if pose_error is None:
         return sample
-    if pose_error not in POSE_ERRORS:
-        raise ConfigError(f"pose error: unknown {pose_error!r}; {nearest(pose_error, POSE_ERRORS)}")
+    expect_one_of("pose error", pose_error, POSE_ERRORS)
     return lambda rng: replace(sample(rng), pose=POSE_ERRORS[pose_error])
 
 
@@ -107,8 +105,7 @@ def look_fields() -> tuple[str, ...]:
 def _without(data: Any, names: Sequence[str]) -> Any:
     """Plain data of a Look less these groups and fields."""
     for name in names:
-        if name not in look_fields():
-            raise ConfigError(f"without: unknown {name!r}; {nearest(name, look_fields())}")
+        expect_one_of("without", name, look_fields())
         group, _, leaf = name.partition(".")
         inner = data.get(group, {})
         kept = {key: value for key, value in inner.items() if leaf and key != leaf}
@@ -133,9 +130,7 @@ def _find(source: str | Path) -> Path:
 def look_sampler(data: Any, where: str = "look") -> Sampler:
     """A sampler from plain data; what does not fit is refused now, not in mid-training.
 
-    Raises:
-        ConfigError: an unknown key, a distribution that cannot be drawn, or one whose extremes are
-            no Look.
+    ConfigError: an unknown key, a distribution that cannot be drawn, or whose extremes are no Look.
     """
     if not isinstance(data, dict):
         return fixed(look_from_plain(data))
@@ -229,9 +224,5 @@ def _grey(arguments: Any) -> _Draw:
 
 
 _DRAWS: dict[str, Callable[[Any], _Draw]] = {
-    "uniform": _uniform,
-    "log_uniform": _log_uniform,
-    "normal": _normal,
-    "integer": _integer,
-    "grey": _grey,
+    draw.__name__[1:]: draw for draw in (_uniform, _log_uniform, _normal, _integer, _grey)
 }

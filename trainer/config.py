@@ -1,10 +1,9 @@
 """What a run is: frozen dataclasses. `trainer.presets` fills them in."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robot.contract import ImageSpec
-from robot.errors import ConfigError, expect_between, nearest
+from robot.errors import ConfigError, expect_between, expect_one_of
 from sim_pybullet.tasks.spec import find_task
 from trainer.algorithms import LearnConfig, find_algorithm
 
@@ -98,9 +97,3 @@ class RunConfig:
         }
         for name, (least, most) in limits.items():
             expect_between(name, getattr(self, name), least, most)
-
-
-def expect_one_of(what: str, name: str, valid: Iterable[str]) -> None:
-    """ConfigError that names the nearest choice unless ``name`` is among them."""
-    if name not in valid:
-        raise ConfigError(f"{what}: unknown {name!r}; {nearest(name, valid)}")

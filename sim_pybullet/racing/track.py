@@ -23,7 +23,6 @@ TRACKS_DIR = FilePath(__file__).parent.parent / "tracks"
 SPACING_M = 1.0  # between the points of a centre line
 MARGIN_M = 3.0  # of the world beyond the walls
 _MOST_GAP = 0.02  # of the length: a larger gap is a mistake in the file
-_START = Pose(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,7 @@ def centre_line(track: Track) -> CentreLine:
 
 def _begins(segments: Sequence[Segment]) -> list[Pose]:
     """Where each segment of a drive from the origin along x begins, and where the last one ends."""
-    poses = [_START]
+    poses = [Pose(0.0, 0.0, 0.0)]
     for segment in segments:
         poses.append(poses[-1].moved(segment.length_m, segment.length_m * segment.curvature))
     return poses

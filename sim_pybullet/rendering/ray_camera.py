@@ -37,7 +37,6 @@ class RigTables:
     def __init__(self, n_robots: int, image: ImageSpec) -> None:
         height, width, _ = image.shape
         self._image = image
-        self._wanted: list[FloorTable | None] = [None] * n_robots
         self.stored: list[FloorTable | None] = [None] * n_robots  # what each slot holds
         self.slots = np.zeros(n_robots, np.int64)
         self.floor = FloorTable(  # of all slots
@@ -52,15 +51,12 @@ class RigTables:
     def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
         """Let robot ``i`` see through this rig, over a floor of this texel size."""
         floor = floor_table(rig, self._image, texel_m)
-        self._wanted[i] = floor
         for slot, stored in enumerate(self.stored):
             if stored is floor:
                 self.slots[i] = slot
                 return
-        used = {id(table) for table in self._wanted if table is not None}
-        slot = next(k for k, stored in enumerate(self.stored) if id(stored) not in used)
-        self.slots[i] = slot
-        self.stored[slot] = floor
+        slot = min({*range(len(self.slots))} - {*np.delete(self.slots, i).tolist()})
+        self.slots[i], self.stored[slot] = slot, floor
         self.floor = self.floor._replace(runs=_with_room(self.floor.runs, len(floor.runs)))
         self.floor.points[slot], self.floor.first_run[slot] = floor.points, floor.first_run
         self.floor.runs[slot, : len(floor.runs)] = floor.runs
@@ -69,10 +65,9 @@ class RigTables:
 
 
 def _with_room(array: np.ndarray, length: int) -> np.ndarray:
-    """An array (N, K, ...) that has at least this length in its second axis."""
-    missing = max(0, length - array.shape[1])
-    pad = [(0, missing) if axis == 1 else (0, 0) for axis in range(array.ndim)]
-    return np.pad(array, pad) if missing else array
+    """An array (N, K, C) that has at least this length in its second axis."""
+    missing = length - array.shape[1]
+    return np.pad(array, ((0, 0), (0, missing), (0, 0))) if missing > 0 else array
 
 
 class RayCamera:
@@ -83,7 +78,7 @@ class RayCamera:
     ``movers`` are drawn in every scene, where each picture's poses of them say.
     """
 
-    device: str | None = None  # its pictures are arrays
+    device: str | None = None  # of torch, where pictures are tensors on it; here they are arrays
 
     def __init__(self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = ()) -> None:
         self._image = image
@@ -134,8 +129,7 @@ class RayCamera:
         (N, U, 3): poses of what moves around each, NaN where it is not there.
         """
         skies = self._skies if robots is None else self._skies[robots]
-        robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
-        poses = self._checked(poses, len(robots))
+        poses, robots = self._checked(poses, robots)
         pictures = np.empty((len(poses), *self.shape), np.uint8)
         flat = pictures.reshape(len(poses), self._skies.shape[1])
         blocks = -(-2 * numba.get_num_threads() // max(1, len(poses)))
@@ -145,23 +139,26 @@ class RayCamera:
 
     def segment(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass."""
-        robots = np.arange(len(self._scenes))
-        poses = self._checked(poses, len(robots))
+        poses, robots = self._checked(poses)
         flat = self._sky_kinds.copy()
         label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
         labels = flat.reshape(len(poses), *self.shape[:2])
         self._draw_solids(labels[..., None], poses, robots, movers)
         return labels
 
-    def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:
+    def _checked(
+        self, poses: np.ndarray, robots: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Poses and whose they are."""
+        robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
         poses = np.ascontiguousarray(poses, dtype=np.float64)
         ready = sum(scene is not None for scene in self._scenes)
-        if poses.shape != (robots, 3) or ready < len(self._scenes):
+        if poses.shape != (len(robots), 3) or ready < len(self._scenes):
             raise ValueError(
-                f"RayCamera: expected poses ({robots}, 3) and set_robot for each robot, "
+                f"RayCamera: expected poses ({len(robots)}, 3) and set_robot for each robot, "
                 f"got poses {poses.shape} and {ready} robots set"
             )
-        return poses
+        return poses, robots
 
     def _floor_views(self, poses: np.ndarray, robots: np.ndarray) -> FloorViews:
         west, north, texel = self._origins[robots].T
@@ -203,10 +200,11 @@ class RayCamera:
         )
 
 
-class NoCamera:
-    """In the place of a `RayCamera` for who needs no pictures: black dots."""
+class NoCamera(RayCamera):
+    """For who needs no pictures: black dots."""
 
-    shape, device = (1, 1, 3), None
+    def __init__(self) -> None:
+        super().__init__(ImageSpec(1, 1), 0)
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Nothing to do."""

@@ -7,9 +7,9 @@ from numba import njit
 
 from sim_pybullet.rendering.solid_table import AZIMUTHS, ELEVATIONS
 
-CYLINDER = 1  # in the column SHAPE; a box is 0
-# Columns of a row: position, heading, half extents, underside and top [m], looks.
-X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, SHAPE, KIND, RED, GREEN, BLUE = range(13)
+# Columns of a row: position, heading, half extents (a cylinder has no width: its length is all),
+# underside and top [m], whether it is a cylinder, looks.
+X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, ROUND, KIND, RED, GREEN, BLUE = range(13)
 
 NO_HIT = 1e9
 Outline = tuple[float, float, float, float]  # azimuth, half its spread, lowest, highest [rad]
@@ -58,11 +58,7 @@ def to_camera(row: np.ndarray, pose: np.ndarray, eye: np.ndarray, out: np.ndarra
 def outline(row: np.ndarray, margin_rad: float) -> Outline:
     """The directions that enclose the solid as seen from the camera, wider by a margin."""
     distance = math.hypot(row[X], row[Y])
-    radius = (
-        row[HALF_LENGTH]
-        if row[SHAPE] == CYLINDER
-        else math.hypot(row[HALF_LENGTH], row[HALF_WIDTH])
-    )
+    radius = math.hypot(row[HALF_LENGTH], row[HALF_WIDTH])
     if distance < radius + 1e-6:
         return 0.0, math.pi, -0.5 * math.pi, 0.5 * math.pi
     near, far = distance - radius, distance + radius
@@ -198,9 +194,8 @@ def face_colours(row: np.ndarray, light: np.ndarray, colours: np.ndarray) -> Non
     up = 1.0 if row[TOP] < 0.0 else -1.0
     ahead = -math.copysign(1.0, c * row[X] + s * row[Y])
     left = -math.copysign(1.0, c * row[Y] - s * row[X])
-    facing = (up * light[2], ahead * (c * light[0] + s * light[1]))
-    facing_left = left * (c * light[1] - s * light[0])
-    for k, cosine in enumerate((facing[0], facing[1], facing_left)):
+    to_front, to_flank = c * light[0] + s * light[1], c * light[1] - s * light[0]
+    red, green, blue = np.float32(row[RED]), np.float32(row[GREEN]), np.float32(row[BLUE])
+    for k, cosine in enumerate((up * light[2], ahead * to_front, left * to_flank)):
         shade = np.float32(light[3] + light[4] * max(0.0, cosine))
-        red, green, blue = row[RED], row[GREEN], row[BLUE]
-        colours[k] = pack(np.float32(red), np.float32(green), np.float32(blue), shade)
+        colours[k] = pack(red, green, blue, shade)

@@ -7,10 +7,9 @@ import numpy as np
 from numba import njit, prange
 
 from sim_pybullet.rendering.solid_geometry import (
-    CYLINDER,
     KIND,
     NO_HIT,
-    SHAPE,
+    ROUND,
     face_colours,
     meet_box,
     meet_cylinder,
@@ -131,7 +130,7 @@ def _look(views: SolidViews, i: np.int64, samples: int) -> Canvas:
         first, last = boxes[k, 2] - canvas.left, boxes[k, 3] + 1 - canvas.left
         for v in range(boxes[k, 0] - canvas.top, boxes[k, 1] + 1 - canvas.top):
             rays, depth, seen = canvas.rays[v], canvas.depth[v], canvas.seen[v]
-            if rows[k, SHAPE] == CYLINDER:
+            if rows[k, ROUND] > 0.0:
                 meet_cylinder(rows[k], light, colours, rays, depth, seen, first, last)
             else:
                 meet_box(rows[k], colours, rays, depth, seen, first, last)

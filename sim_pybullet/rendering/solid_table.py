@@ -23,7 +23,7 @@ def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
             math.cos(solid.heading_rad),
             math.sin(solid.heading_rad),
             0.5 * solid.size_m[0],
-            0.5 * (solid.size_m[1] if solid.shape != "cylinder" else solid.size_m[0]),
+            0.5 * solid.size_m[1] * (solid.shape == "box"),
             solid.base_m,
             solid.base_m + solid.size_m[2],
             solid.shape == "cylinder",

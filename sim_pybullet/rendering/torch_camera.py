@@ -8,7 +8,7 @@ from robot.lens import CameraRig
 from sim_pybullet.rendering.mip_texture import mip_texture
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.rendering.rays import MAX_TAPS, FloorTable, floor_shade
-from sim_pybullet.rendering.solid_geometry import CYLINDER, SHAPE
+from sim_pybullet.rendering.solid_geometry import ROUND
 from sim_pybullet.rendering.solid_kernel import in_sight
 from sim_pybullet.rendering.torch_solids import (
     UNSEEN,
@@ -64,8 +64,7 @@ class TorchCamera(RayCamera):
         self, poses: np.ndarray, robots: np.ndarray | None = None, movers: np.ndarray | None = None
     ) -> torch.Tensor:
         """(N, H, W, 3) uint8 on the device; arguments as of `RayCamera`."""
-        robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
-        poses = self._checked(poses, len(robots))
+        poses, robots = self._checked(poses, robots)
         pictures = self._floor(poses, robots)
         self._put_solids(pictures, poses, robots, movers)
         return pictures.view(len(robots), *self.shape)
@@ -83,7 +82,7 @@ class TorchCamera(RayCamera):
         level = level.clamp(min=0)
         levels = self._sent(views.levels).long()
         first, wide, high = (each.gather(1, level) for each in levels.unbind(2))
-        first += self._textures.firsts()[self._sent(robots)][:, None]
+        first += self._textures.firsts(robots)[:, None]
         column, row, c, s = self._sent(views.placed.astype(np.float32))[..., None].unbind(1)
         scale = torch.exp2(8.0 - level)
         sums = torch.zeros((*x.shape, 3), device=self._device)
@@ -110,7 +109,7 @@ class TorchCamera(RayCamera):
             return
         rows, boxes, colours, lights, seen = in_sight(views, self._rows.shape[1])
         nearest = torch.full((len(poses) * 4 * pictures.shape[1],), UNSEEN, device=self._device)
-        round_ = rows[..., SHAPE] == CYLINDER
+        round_ = rows[..., ROUND] > 0.0
         for which, meet in ((seen & ~round_, meet_boxes), (seen & round_, meet_cylinders)):
             who, _ = np.nonzero(which)
             where = np.stack((who, views.slots[who]), axis=-1)
@@ -138,19 +137,22 @@ class Textures:
     def put(self, i: int, texels: np.ndarray) -> None:
         """Robot ``i`` has this floor, the texels of a `MipTexture`."""
         self._of[i] = texels
-        if id(texels) not in self._held and self._end + len(texels) > len(self._texels):
-            used = {id(each): each for each in self._of if each is not None}
+        if id(texels) in self._held:
+            return
+        used = {id(each): each for each in self._of if each is not None}
+        if self._end + len(texels) > len(self._texels):
             room = 2 * sum(map(len, used.values()))  # what is in use, and as much again
             self._texels = torch.zeros(room, dtype=torch.int32, device=self._device)
             self._held, self._end = {}, 0
-            for each in used.values():
-                self._append(each)
-        elif id(texels) not in self._held:
-            self._append(texels)
+        for key in used.keys() - self._held.keys():
+            floor, begin = used[key], self._end
+            rgb = floor & 0xFF | (floor >> 12 & 0xFF) << 8 | (floor >> 24) << 16
+            self._held[key], self._end = (begin, floor), begin + len(floor)
+            self._texels[begin : self._end] = torch.from_numpy(rgb.view(np.int32))
 
-    def firsts(self) -> torch.Tensor:
-        """(N,) where each robot's floor begins."""
-        begins = [0 if each is None else self._held[id(each)][0] for each in self._of]
+    def firsts(self, robots: np.ndarray) -> torch.Tensor:
+        """(M,) where these robots' (M,) floors begin."""
+        begins = [self._held[id(self._of[i])][0] for i in robots.tolist()]
         return torch.tensor(begins, device=self._device)
 
     def read(
@@ -178,13 +180,6 @@ class Textures:
 
     def _rgb(self, at: torch.Tensor) -> torch.Tensor:
         return self._texels[at].view(torch.uint8).view(*at.shape, 4)[..., :3].float()
-
-    def _append(self, texels: np.ndarray) -> None:
-        rgb = texels & 0xFF | (texels >> 12 & 0xFF) << 8 | (texels >> 24) << 16
-        end = self._end + len(texels)
-        self._texels[self._end : end] = torch.from_numpy(rgb.view(np.int32)).to(self._device)
-        self._held[id(texels)] = self._end, texels
-        self._end = end
 
 
 def _reads(table: FloorTable) -> np.ndarray:

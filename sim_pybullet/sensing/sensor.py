@@ -115,7 +115,7 @@ class Sensors:
         self._height, self._scale = height, width / FRAME_WIDTH_PX
         self._looks = [SensorLook()] * count
         self._mirrors: list[Mirror | None] = [None] * count
-        self._kernels: list[np.ndarray | None] = [None] * count  # of the blur, where there is one
+        self._kernels = [_gaussian(0.0)] * count  # of the blur
         self._mixing, self._gains = np.zeros((count, 3, 3)), np.ones((count, 3))
         self._noise = _noise_table(3 * width)
         whole = height + crop_top_px - 1
@@ -135,8 +135,7 @@ class Sensors:
         towards = look.infrared * np.outer(_INFRARED_RGB, np.full(3, 1 / 3))
         self._mixing[i] = (1.0 - look.infrared) * np.eye(3) + towards
         self._gains[i] = look.exposure * np.array(look.white_balance)
-        sigma_px = self._scale * look.blur_px
-        self._kernels[i] = _gaussian(sigma_px) if sigma_px >= _SMALLEST_BLUR_PX else None
+        self._kernels[i] = _gaussian(self._scale * look.blur_px)
 
     def take(
         self,
@@ -176,7 +175,7 @@ class Sensors:
     def _sense(self, i: int, frame: np.ndarray, starts: np.ndarray) -> None:
         look, gains, line = self._looks[i], self._gains[i], frame.reshape(self._height, -1)
         kernel = self._kernels[i]
-        if kernel is not None:
+        if len(kernel) > 1:
             _blur(line, kernel)
         if look.infrared > 0.0:
             frame[:] = cv2.transform(frame, self._mixing[i])
@@ -213,9 +212,9 @@ def _noise_table(longest_row: int) -> np.ndarray:
 
 @lru_cache(maxsize=256)
 def _gaussian(sigma_px: float) -> np.ndarray:
-    """(2 R + 1,) float32, cut at three standard deviations."""
-    radius = math.ceil(3.0 * sigma_px)
-    kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma_px) ** 2)
+    """(2 R + 1,) float32, cut at three standard deviations; (1,) where that changes nothing."""
+    radius = math.ceil(3.0 * sigma_px) if sigma_px >= _SMALLEST_BLUR_PX else 0
+    kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / max(sigma_px, 1e-9)) ** 2)
     return np.asarray(kernel / kernel.sum(), np.float32)
 
 

@@ -51,10 +51,7 @@ class TorchSensors(Sensors):
         light = self._glossed(frames.float(), robots, headings_rad)
         smears = [smear_weights(length) for length in self._smears_px(robots, turns_radps)]
         light = self._averaged(light, smears, axis=2).round()
-        sharp = np.ones(1, np.float32)
-        blurs = [
-            sharp if kernel is None else kernel for kernel in (self._kernels[i] for i in robots)
-        ]
+        blurs = [self._kernels[i] for i in robots]
         light = self._averaged(self._averaged(light, blurs, axis=1), blurs, axis=2)
         light = (light + 0.5).floor()
         light = torch.einsum("mhwc,mdc->mhwd", light, self._sent(self._mixing[robots]).float())

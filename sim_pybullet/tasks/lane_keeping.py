@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from robot.errors import ConfigError
+from robot.errors import expect_one_of
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.following import Following
@@ -40,8 +40,7 @@ class LaneKeeping(Following):
         start_spread: float = 1.0,
     ) -> None:
         expect_some("LaneKeeping", road_maps, n_robots, laps)
-        if lane not in LANES:
-            raise ConfigError(f"lane: expected outer, inner or both, got {lane!r}")
+        expect_one_of("lane", lane, LANES)
         sides = ("outer", "inner") if lane == "both" else (lane,)
         loops = [[lane_loop(m, outer=side == "outer") for side in sides] for m in road_maps]
         super().__init__(road_maps, n_robots, loops, start_spread)

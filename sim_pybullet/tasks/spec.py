@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 
 from robot.contract import FIVE_ACTIONS, PATH_POINTS, ActionTable
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError, expect_one_of
 from robot.geometry import Pose, wrap_angle
 from robot.navigation.path import Path, PathBatch
 from robot.navigation.road_map import load_map
@@ -313,8 +313,7 @@ def register(spec: TaskSpec) -> TaskSpec:
 def find_task(name: str, to_learn: bool = False) -> TaskSpec:
     """The task of that name, ``to_learn`` if asked; else ConfigError with the nearest."""
     valid = {key: spec for key, spec in TASKS.items() if spec.learned or not to_learn}
-    if name not in valid:
-        raise ConfigError(f"task: unknown {name!r}; {nearest(name, valid)}")
+    expect_one_of("task", name, valid)
     return valid[name]
 
 

@@ -5,19 +5,9 @@ from __future__ import annotations
 import errno
 from collections import deque
 from enum import Enum
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
-
-class I2cDevice(Protocol):
-    """What the bus asks of a chip."""
-
-    address: int
-
-    def write(self, data: bytes) -> bool:
-        """A register's number, and what is written from there on; False: not acknowledged."""
-
-    def read(self, register: int, count: int) -> bytes:
-        """So many bytes from a register on."""
+from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
 
 
 class BusFault(Enum):
@@ -29,15 +19,15 @@ class BusFault(Enum):
 
 
 class VirtualI2cBus:
-    """A bus that implements ``robot.hat.bus.I2cBus`` over attached devices."""
+    """A bus that implements ``robot.hat.bus.I2cBus`` over attached chips."""
 
     name = "virtual I2C bus"  # as a person would see it in a message
 
     def __init__(self) -> None:
-        self._devices: list[I2cDevice] = []
+        self._devices: list[Pca9685Registers] = []
         self._faults: deque[BusFault | None] = deque()
 
-    def attach(self, device: I2cDevice) -> None:
+    def attach(self, device: Pca9685Registers) -> None:
         """Wire a chip to the bus."""
         self._devices.append(device)
 
@@ -63,7 +53,7 @@ class VirtualI2cBus:
             _not_acknowledged()
         return device.read(register, count)
 
-    def _answering(self, address: int, size: int) -> tuple[I2cDevice, bool]:
+    def _answering(self, address: int, size: int) -> tuple[Pca9685Registers, bool]:
         """Who answers, and whether only half-way."""
         if size == 0:  # i2c-tegra declares I2C_AQ_NO_ZERO_LEN, and the kernel answers for it
             raise OSError(errno.EOPNOTSUPP, "Operation not supported: message of zero length")

@@ -61,11 +61,6 @@ class PwmOutputs(NamedTuple):
         return cls(tuple(map(Output.from_registers, parts)))
 
     @property
-    def any_pwm(self) -> bool:
-        """Whether a pin switches within the period."""
-        return any(0 < output.length < COUNTS for output in self.channels)
-
-    @property
     def any_high(self) -> bool:
         """Whether a pin is high at some time."""
         return any(output.length for output in self.channels)
@@ -188,7 +183,8 @@ class Pca9685Registers:
     def _write_mode1(self, value: int) -> None:
         if value & ~(AI | SLEEP | ALLCALL):
             raise ChipMisuseError(f"MODE1 = 0x{value:02X}: not modelled")
-        if value & SLEEP and self.outputs.any_pwm:
+        pwm = any(0 < output.length < COUNTS for output in self.outputs.channels)
+        if value & SLEEP and pwm:
             raise ChipMisuseError("asleep with PWM running: needs RESTART (chapter 7.3.1.1)")
         if self.asleep and not value & SLEEP:
             self._awake_s = self._clock.now()

@@ -177,7 +177,7 @@ def test_training_rings_bend_both_ways() -> None:
 def test_refuses_nothing_to_do_and_roads_that_are_no_ring() -> None:
     with pytest.raises(ConfigError, match="at least one map"):
         LaneKeeping([], 1)
-    with pytest.raises(ConfigError, match="outer, inner or both"):
+    with pytest.raises(ConfigError, match="lane: unknown 'middle'; valid: both, inner, outer"):
         LaneKeeping([LOOP], 1, "middle")
     with pytest.raises(MapError, match="ring of road"):
         LaneKeeping([load_map("town")], 1)

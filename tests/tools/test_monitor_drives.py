@@ -130,7 +130,7 @@ def test_marks_are_seconds_since_the_first_report(tmp_path: Path) -> None:
     assert good == pytest.approx((0.0, 4.0, "good"))
     assert bad == pytest.approx((1.0, 2.0, "bad"))
     assert read_drive(tmp_path, name) == before
-    with pytest.raises(ConfigError, match="no drive"):
+    with pytest.raises(ConfigError, match="drive: unknown"):
         write_marks(tmp_path, "../secret", [])
 
 
@@ -151,7 +151,7 @@ def test_other_files_are_no_drives(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["../secret", "nothing", "", "a" * 200])
 def test_only_drives_of_the_folder_can_be_read(tmp_path: Path, name: str) -> None:
     (tmp_path.parent / "secret.mcap").write_text("{}\n")
-    with pytest.raises(ConfigError, match="no drive"):
+    with pytest.raises(ConfigError, match="drive: unknown"):
         read_drive(tmp_path, name)
 
 

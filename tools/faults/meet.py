@@ -11,7 +11,7 @@ import cv2
 from rich.progress import MofNCompleteColumn, Progress
 
 from robot.cli.install import SHIPPED_MODEL as LANE_KEEPER
-from robot.errors import ConfigError, DuckpilotError, nearest
+from robot.errors import ConfigError, expect_one_of
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_writable, write_json
 from robot.typed_config import from_plain, read_json, to_plain
@@ -32,16 +32,13 @@ def every_case() -> list[Case]:
 
 
 def chosen(options: FaultsOptions) -> list[Case]:
-    """The cases asked for, by sight alone those without poses. DuckpilotError: no such case."""
+    """The cases asked for, by sight alone those without poses. ConfigError: no such case."""
     for wanted in options.family:
-        if wanted not in FAMILIES:
-            raise DuckpilotError(f"no family {wanted!r}; {nearest(wanted, FAMILIES)}")
-    families = options.family or list(FAMILIES)
-    every = [case for family in families for case in every_case() if case.family == family]
+        expect_one_of("--family", wanted, FAMILIES)
+    every = [case for case in every_case() if case.family in (options.family or FAMILIES)]
     names = {case.name for case in every}
     for wanted in options.case:
-        if wanted not in names:
-            raise DuckpilotError(f"no case {wanted!r}; {nearest(wanted, sorted(names))}")
+        expect_one_of("--case", wanted, names)
     asked = [case for case in every if not options.case or case.name in options.case]
     if not options.sight:
         return asked

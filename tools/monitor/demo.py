@@ -5,12 +5,11 @@ import time
 from pathlib import Path
 
 from robot.errors import ConfigError
-from robot.inference.policy import SHIPPED_MODELS
 from tools.loop.bench import PROGRAMS, Bench, BenchOptions
+from tools.loop.cli import NAVIGATOR
 from tools.loop.missions import on_lane
 from tools.monitor.cli import MonitorOptions
 
-MODEL = SHIPPED_MODELS / "nav_dueling.onnx"
 TURN_S = 0.02
 PATIENCE_S = 60.0
 
@@ -18,8 +17,8 @@ PATIENCE_S = 60.0
 def show(arguments: MonitorOptions) -> None:
     """Let the virtual world live as long as the page's program does; ConfigError: wrong input."""
     page = ["--host", arguments.host, "--port", str(arguments.port)]
-    page += ["--drives", str(arguments.drives), "--model", str(arguments.model or MODEL)]
-    options = BenchOptions(MODEL, arguments.map, page=tuple(page))
+    page += ["--drives", str(arguments.drives), "--model", str(arguments.model or NAVIGATOR)]
+    options = BenchOptions(NAVIGATOR, arguments.map, page=tuple(page))
     with tempfile.TemporaryDirectory(prefix="duckpilot-demo-") as folder:
         bench = Bench(options, Path(folder))
         bench.town.world.place(on_lane(bench.road_map.lanes[0], 0.5))

@@ -17,7 +17,7 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError, expect_one_of
 from robot.link.messages import FrameMessage, Telemetry
 from robot.link.wire import plain
 from robot.recording import topics
@@ -181,8 +181,7 @@ def _began(folder: Path, name: str) -> tuple[Path, float]:
 
 def _path(folder: Path, name: str) -> Path:
     known = [path.name[: -len(SUFFIX)] for path in folder.glob(f"*{SUFFIX}")]
-    if name not in known:
-        raise ConfigError(f"no drive {name!r}; {nearest(name, known)}")
+    expect_one_of("drive", name, known)
     return folder / f"{name}{SUFFIX}"
 
 
