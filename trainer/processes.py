@@ -112,13 +112,18 @@ class RayProcesses:
 
     def close(self, within_s: float = 0.0) -> None:
         """See `LocalProcesses`; the cluster goes on."""
-        if within_s and self._started:
-            for reference in self._started:
-                self._ray.cancel(reference)
-            self._ray.wait(self._started, num_returns=len(self._started), timeout=within_s)
-        for reference in self._started:
+        for reference in self._going(0.0) if within_s else ():
+            self._ray.cancel(reference)
+        for reference in self._going(within_s):
             self._ray.cancel(reference, force=True)
         self._started = []
+
+    def _going(self, after_s: float) -> list[Any]:
+        # Ray ends this process when told to cancel what has given its result a moment ago.
+        going: list[Any] = self._ray.wait(
+            self._started, num_returns=len(self._started), timeout=after_s
+        )[1]
+        return going
 
 
 Processes = LocalProcesses | RayProcesses
