@@ -224,5 +224,9 @@ def _grey(arguments: Any) -> _Draw:
 
 
 _DRAWS: dict[str, Callable[[Any], _Draw]] = {
-    draw.__name__[1:]: draw for draw in (_uniform, _log_uniform, _normal, _integer, _grey)
+    "uniform": _uniform,
+    "log_uniform": _log_uniform,
+    "normal": _normal,
+    "integer": _integer,
+    "grey": _grey,
 }

@@ -27,7 +27,7 @@ class DuckpilotVecEnv(VecEnv):
 
     @property
     def device(self) -> str | None:
-        """Where pictures are tensors, see `sim_pybullet.rendering.ray_camera`."""
+        """Where pictures are tensors, see `sim_pybullet.rendering.batch_camera`."""
         return self.world.feed.device
 
     def expert_actions(self) -> np.ndarray:

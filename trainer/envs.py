@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from robot.errors import ConfigError
 from robot.inference.policy import open_translator
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.rendering.batch_camera import BatchCamera
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.algorithms import find_algorithm
@@ -23,7 +23,7 @@ _FEWEST_LOOKS = 4  # of each map
 
 
 def make_env(
-    config: RunConfig, robots: int, seed: int, camera: RayCamera | None = None
+    config: RunConfig, robots: int, seed: int, camera: BatchCamera | None = None
 ) -> DuckpilotVecEnv:
     """The world of a run with so many robots; rewards are the task's own.
 

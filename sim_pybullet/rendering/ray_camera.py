@@ -78,7 +78,7 @@ class RayCamera:
     ``movers`` are drawn in every scene, where each picture's poses of them say.
     """
 
-    device: str | None = None  # of torch, where pictures are tensors on it; here they are arrays
+    device: str | None = None  # its pictures are arrays
 
     def __init__(self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = ()) -> None:
         self._image = image
@@ -200,11 +200,10 @@ class RayCamera:
         )
 
 
-class NoCamera(RayCamera):
-    """For who needs no pictures: black dots."""
+class NoCamera:
+    """In the place of a `RayCamera` for who needs no pictures: black dots."""
 
-    def __init__(self) -> None:
-        super().__init__(ImageSpec(1, 1), 0)
+    shape, device = (1, 1, 3), None
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Nothing to do."""

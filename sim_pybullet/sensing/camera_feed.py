@@ -8,7 +8,7 @@ from robot.geometry import wrap_angle
 from robot.inference.policy import Translator
 from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
-from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.rendering.batch_camera import BatchCamera
 from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import Mirror, Sensors
@@ -34,7 +34,7 @@ class CameraFeed:
 
     def __init__(
         self,
-        camera: RayCamera,
+        camera: BatchCamera,
         n_robots: int,
         crop_top_px: int = 0,
         translator: Translator | None = None,
@@ -68,7 +68,7 @@ class CameraFeed:
 
     @property
     def device(self) -> str | None:
-        """See `RayCamera`."""
+        """See `BatchCamera`."""
         return self._camera.device
 
     @property
@@ -147,7 +147,7 @@ class CameraFeed:
         return seen
 
 
-def _sensors(camera: RayCamera, n_robots: int, crop_top_px: int) -> Sensors:
+def _sensors(camera: BatchCamera, n_robots: int, crop_top_px: int) -> Sensors:
     """Where the camera draws."""
     if camera.device is None:
         return Sensors(n_robots, camera.shape, crop_top_px)

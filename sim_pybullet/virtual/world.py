@@ -40,10 +40,13 @@ class RolledWheels:
 
     def since_last(self) -> np.ndarray:
         """(2,) left and right [m/s] since the last call; zero within an instant."""
-        before_s, before_rad = self._time_s, self._angles_rad
-        self._time_s, self._angles_rad = self._clock.now(), self._hat.wheel_angles_rad
-        rolled_m = (self._angles_rad - before_rad) * DRIVE.wheel_radius_m
-        return np.asarray(rolled_m / max(self._time_s - before_s, 1e-9))
+        now_s, angles_rad = self._clock.now(), self._hat.wheel_angles_rad
+        duration_s = now_s - self._time_s
+        if duration_s <= 0.0:
+            return np.zeros(2)
+        rims_mps = (angles_rad - self._angles_rad) * DRIVE.wheel_radius_m / duration_s
+        self._time_s, self._angles_rad = now_s, angles_rad
+        return np.asarray(rims_mps)
 
 
 def beyond_nominal(look: DriveLook) -> DriveLook:

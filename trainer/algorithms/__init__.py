@@ -4,6 +4,8 @@ Its configuration, its presets, how a model of it is built and what that logs. A
 when somebody asks for the algorithm: to read their names takes no torch.
 """
 
+from __future__ import annotations
+
 import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
@@ -38,11 +40,11 @@ class LearnConfig:
 class Making:
     """What a model is built from."""
 
-    config: "RunConfig"
-    env: "VecEnv"
-    folder: "RunFolder"
+    config: RunConfig
+    env: VecEnv
+    folder: RunFolder
     make_env: EnvMaker
-    console: "Console"
+    console: Console
 
 
 @dataclass(frozen=True)
@@ -78,8 +80,8 @@ class Algorithm:
 
     title: str  # in tables
     learn: LearnConfig
-    policy: "type[BasePolicy]"
-    build: "Callable[[Making], BaseAlgorithm]"
+    policy: type[BasePolicy]
+    build: Callable[[Making], BaseAlgorithm]
     # By task, preset or style, see `trainer.presets`.
     presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     shares: Shares | None = Shares({"robots": 8})  # none: it has processes of its own
