@@ -322,7 +322,7 @@ class MissionNavigator:
             return
         age_s = float(self._fusion.age_s(now_s)[0])
         heading_rad = math.nan if message.heading_rad is None else message.heading_rad
-        captured_s = now_s - self._gate.age_s(now_s)
+        captured_s = now_s - self._gate.stream.age_s(now_s)
         measured = np.array([[message.x_m, message.y_m, heading_rad]])
         self._fusion.measure(measured, np.array([captured_s]))
         if math.isnan(heading_rad) and self.pose is not None:
