@@ -105,7 +105,7 @@ def calibrate(
     fit = fit_camera(pixels, floor_m, lens, freedom)
     hanging = Hanging.of(fit.position_m, fit.rotation.T)
     rough = Calibration(fit.lens, hanging, map_size_m=map_size_m, robots=robots)
-    errors = np.linalg.norm(rough.to_floor(pixels) - floor_m, axis=1) * 1000.0
+    errors = np.linalg.norm(rough.camera.to_floor(pixels) - floor_m, axis=1) * 1000.0
     residual = float(np.sqrt(np.mean(errors**2)))
     if residual > max_residual_mm:
         worst = int(np.argmax(errors))

@@ -146,16 +146,11 @@ def recover_folder(folder: PathLike) -> Iterator[Path]:
     for path in sorted(Path(folder).glob(f"*{UNFINISHED}")):
         whole = path.with_name(path.name[: -len(UNFINISHED)] + SUFFIX)
         try:
-            recover(path, whole)
+            copy(path, whole, lambda *_: True, {"recovered": {}})
         except ConfigError:
             continue  # not ours, or not even a beginning
         path.unlink()
         yield whole
-
-
-def recover(source: PathLike, target: PathLike) -> int:
-    """Write what can be read of ``source`` as a whole recording; the number of its messages."""
-    return copy(source, target, lambda *_: True, {"recovered": {}})
 
 
 def copy(
