@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Dict, Literal, Tuple
 
 import numpy as np
 
 from robot.errors import ConfigError, nearest
 from robot.lens import CameraRig, Hanging, Lens
-from robot.output import write_text
-from robot.typed_config import to_plain
 
 Kind = Literal["two_colour", "tag", "plain"]
 Point = Tuple[float, float]
@@ -172,13 +169,6 @@ class Calibration:
         u0, v0 = np.floor(corners.min(axis=0)).astype(int).tolist()
         u1, v1 = np.ceil(corners.max(axis=0)).astype(int).tolist()
         return u0, v0, u1 + 1, v1 + 1
-
-
-def save_calibration(calibration: Calibration, path: Path) -> None:
-    """Write YAML, whole or not at all; ``robot.typed_config.load_yaml`` reads it."""
-    import yaml
-
-    write_text(path, yaml.safe_dump(to_plain(calibration), sort_keys=False))
 
 
 def map_corners(map_size_m: Point) -> np.ndarray:

@@ -30,6 +30,13 @@ def _without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
+def write_yaml(path: Path, data: Any) -> None:
+    """Write a dataclass or plain data, which ``robot.typed_config.load_yaml`` reads."""
+    import yaml
+
+    write_text(path, yaml.safe_dump(to_plain(data), sort_keys=False))
+
+
 def write_png(path: Path, picture: np.ndarray) -> None:
     """Write a picture (H, W, 3) uint8 RGB as PNG; ConfigError as for ``write_json``."""
     import cv2
