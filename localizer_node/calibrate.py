@@ -12,12 +12,12 @@ import numpy as np
 
 from localizer_node.calibration import Calibration, Marker, map_corners, map_outline
 from robot.bringup.camera_place import CameraFit, Freedom, fit_camera
-from robot.camera.files import read_picture
+from robot.camera.files import read_picture, write_png
 from robot.command_line import number, pair
 from robot.errors import ConfigError
 from robot.lens import MODELS, Hanging, Lens
 from robot.navigation.road_map import load_map
-from robot.output import expect_writable, write_png, write_yaml
+from robot.output import expect_writable, write_yaml
 from robot.typed_config import load_yaml
 
 DISTORTION_POINTS = 8  # from so many points on, the lens' first coefficient is fitted too

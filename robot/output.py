@@ -8,13 +8,10 @@ import os
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Iterable, Iterator, Optional
+from typing import Any, Iterable, Iterator, Optional
 
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
-
-if TYPE_CHECKING:
-    import numpy as np  # an installation runs before there is one
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -35,13 +32,6 @@ def write_yaml(path: Path, data: Any) -> None:
     import yaml
 
     write_text(path, yaml.safe_dump(to_plain(data), sort_keys=False))
-
-
-def write_png(path: Path, picture: np.ndarray) -> None:
-    """Write a picture (H, W, 3) uint8 RGB as PNG; ConfigError as for ``write_json``."""
-    import cv2
-
-    write_bytes(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
 
 
 def write_text(path: Path, text: str) -> None:

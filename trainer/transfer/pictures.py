@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from rich.progress import track
 
-from robot.camera.files import picture_files, play, read_picture
+from robot.camera.files import picture_files, play, read_picture, write_png
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
 from robot.navigation.road_map import RoadMap
-from robot.output import write_png, write_yaml
+from robot.output import write_yaml
 from robot.recording.reader import read_frames
 from sim_pybullet.episodes import LookPool
 from sim_pybullet.racing.track import SCALE, Track, is_track

@@ -8,13 +8,13 @@ from typing import List
 
 import pytest
 
+from robot.camera.files import write_png
 from robot.cli import main
 from robot.contract import PolicyContract, action_name
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
 from robot.inference.policy import OnnxPolicy
 from robot.link.messages import Telemetry
-from robot.output import write_png
 from robot.parts import Tick
 from robot.recording.drive_file import MODEL, DriveFile, DriveLog, Heard
 from robot.recording.reader import entries
