@@ -28,7 +28,9 @@ class Clock(Protocol):
 class MonotonicClock:
     """The steady clock of the operating system."""
 
-    now = staticmethod(time.monotonic)  # [s]
+    def now(self) -> float:
+        """``time.monotonic`` [s]."""
+        return time.monotonic()
 
     def sleep(self, duration_s: float) -> None:
         """``time.sleep``, which does not mind the wall clock being set."""
