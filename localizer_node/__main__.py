@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence,
 from localizer_node import calibrate
 from localizer_node.calibration import Calibration
 from localizer_node.sources import open_source
-from robot.camera.files import read_picture
+from robot.camera.files import read_picture, write_png
 from robot.command_line import OneLineParser, answer, spoken, whole
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import LinkConfig, Publisher
-from robot.output import expect_writable, write_json, write_png
+from robot.output import expect_writable, write_json
 from robot.typed_config import load_yaml, to_plain
 
 if TYPE_CHECKING:

@@ -10,20 +10,14 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from localizer_node.calibration import (
-    Calibration,
-    Marker,
-    map_corners,
-    map_outline,
-    save_calibration,
-)
+from localizer_node.calibration import Calibration, Marker, map_corners, map_outline
 from robot.bringup.camera_place import CameraFit, Freedom, fit_camera
-from robot.camera.files import read_picture
+from robot.camera.files import read_picture, write_png
 from robot.command_line import number, pair
 from robot.errors import ConfigError
 from robot.lens import MODELS, Hanging, Lens
 from robot.navigation.road_map import load_map
-from robot.output import expect_writable, write_png
+from robot.output import expect_writable, write_yaml
 from robot.typed_config import load_yaml
 
 DISTORTION_POINTS = 8  # from so many points on, the lens' first coefficient is fitted too
@@ -105,7 +99,7 @@ def calibrate(
     fit = fit_camera(pixels, floor_m, lens, freedom)
     hanging = Hanging.of(fit.position_m, fit.rotation.T)
     rough = Calibration(fit.lens, hanging, map_size_m=map_size_m, robots=robots)
-    errors = np.linalg.norm(rough.to_floor(pixels) - floor_m, axis=1) * 1000.0
+    errors = np.linalg.norm(rough.camera.to_floor(pixels) - floor_m, axis=1) * 1000.0
     residual = float(np.sqrt(np.mean(errors**2)))
     if residual > max_residual_mm:
         worst = int(np.argmax(errors))
@@ -212,7 +206,7 @@ def make(arguments: argparse.Namespace) -> None:
     freedom = Freedom(not known, distortion, arguments.height)
     robots = load_yaml(RobotsFile, arguments.robots).robots if arguments.robots else (Marker(),)
     report = calibrate(points, lens, freedom, map_size_m, robots)
-    save_calibration(report.calibration, arguments.out)
+    write_yaml(arguments.out, report.calibration)
     if arguments.picture:
         from localizer_node.detect import annotated
 

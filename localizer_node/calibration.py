@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Dict, Literal, Tuple
 
 import numpy as np
 
 from robot.errors import ConfigError, nearest
 from robot.lens import CameraRig, Hanging, Lens
-from robot.output import write_text
-from robot.typed_config import to_plain
 
 Kind = Literal["two_colour", "tag", "plain"]
 Point = Tuple[float, float]
@@ -146,12 +143,8 @@ class Calibration:
 
     @cached_property
     def camera(self) -> CameraRig:
-        """The lens where it hangs."""
+        """The lens where it hangs: its ``to_floor`` tells the places of pixels."""
         return CameraRig(self.lens, self.hanging)
-
-    def to_floor(self, pixels: np.ndarray, height_m: float = 0.0) -> np.ndarray:
-        """Places (..., 2) [m] of pixels (..., 2), ``height_m`` above the floor; NaN shows none."""
-        return self.camera.to_floor(pixels, height_m)
 
     def to_pixels(self, points_m: np.ndarray, height_m: float = 0.0) -> np.ndarray:
         """Where floor points (..., 2), raised to ``height_m``, appear in the raw picture."""
@@ -161,30 +154,21 @@ class Calibration:
     def linearised(
         self, pixels: np.ndarray, height_m: float = 0.0
     ) -> Tuple[np.ndarray, np.ndarray]:
-        """``to_floor`` (..., 2) and its derivative (..., 2, 2) [m/px]: rows x, y, columns u, v."""
+        """Floor (..., 2) and its derivative (..., 2, 2) [m/px]: rows x, y, columns u, v."""
         pixels = np.asarray(pixels, dtype=float)
         steps = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
-        floor = self.to_floor(pixels[..., None, :] + steps, height_m)
+        floor = self.camera.to_floor(pixels[..., None, :] + steps, height_m)
         along_u = floor[..., 1, :] - floor[..., 2, :]
         along_v = floor[..., 3, :] - floor[..., 4, :]
         return floor[..., 0, :], np.stack((along_u, along_v), axis=-1)
 
     def roi_rect(self) -> Tuple[int, int, int, int]:
         """The slice of the picture around the region of interest: u0, v0, and u1, v1 outside."""
-        size = (self.lens.width_px, self.lens.height_px)
-        if not self.roi_px:
-            return (0, 0, *size)
-        corners = np.array(self.roi_px)
-        low = np.maximum(np.floor(corners.min(axis=0)), 0)
-        high = np.minimum(np.ceil(corners.max(axis=0)) + 1, size)
-        return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-
-
-def save_calibration(calibration: Calibration, path: Path) -> None:
-    """Write YAML, whole or not at all; ``robot.typed_config.load_yaml`` reads it."""
-    import yaml
-
-    write_text(path, yaml.safe_dump(to_plain(calibration), sort_keys=False))
+        last = (self.lens.width_px - 1, self.lens.height_px - 1)
+        corners = np.clip(self.roi_px or ((0, 0), last), 0, last)
+        u0, v0 = np.floor(corners.min(axis=0)).astype(int).tolist()
+        u1, v1 = np.ceil(corners.max(axis=0)).astype(int).tolist()
+        return u0, v0, u1 + 1, v1 + 1
 
 
 def map_corners(map_size_m: Point) -> np.ndarray:

@@ -160,7 +160,7 @@ class Detector:
 
     def _at_height(self, part: Part, marker: Marker) -> np.ndarray:
         """The part's place for this marker's own board height [m]."""
-        return self.calibration.to_floor(np.array(part.centre_px), marker.board.height_m)
+        return self.calibration.camera.to_floor(np.array(part.centre_px), marker.board.height_m)
 
     def _bare(self, marker: Marker, rears: Sequence[Part]) -> Iterator[Detection]:
         """Plain boards: places without a heading."""
@@ -208,7 +208,7 @@ class Detector:
         return list(found.values())
 
     def _tag(self, marker: Marker, pixels: np.ndarray) -> Optional[Detection]:
-        corners = self.calibration.to_floor(pixels, marker.board.height_m)
+        corners = self.calibration.camera.to_floor(pixels, marker.board.height_m)
         sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         errors = sides / marker.board.tag_m - 1.0
         if not np.all(np.abs(errors) < TAG_TOLERANCE):
@@ -242,8 +242,7 @@ def _placed(
     """The detection of a robot whose board's middle and heading are known."""
     x = float(middle_m[0]) - marker.board.forward_m * math.cos(heading_rad)
     y = float(middle_m[1]) - marker.board.forward_m * math.sin(heading_rad)
-    place = (float(pixel[0]), float(pixel[1]))
-    return Detection(marker.robot, marker.kind, x, y, heading_rad, fit, *place)
+    return Detection(marker.robot, marker.kind, x, y, heading_rad, fit, *pixel.tolist())
 
 
 OUTLINE_RGB, FOUND_RGB = (250, 210, 60), (60, 230, 110)

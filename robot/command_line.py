@@ -146,6 +146,3 @@ def pair(example: str) -> Callable[[str], Tuple[float, float]]:
         return one, other
 
     return read
-
-
-SEED = whole(0, 2**31 - 1)

@@ -75,6 +75,9 @@ class WheelSpeeds(NamedTuple):
     right_mps: float
 
 
+STILL = WheelSpeeds(0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class DifferentialDrive:
     """Two driven wheels on one axle (Siegwart and Nourbakhsh, Autonomous Mobile Robots, 3.2)."""

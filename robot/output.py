@@ -8,13 +8,10 @@ import os
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Iterable, Iterator, Optional
+from typing import Any, Iterable, Iterator, Optional
 
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
-
-if TYPE_CHECKING:
-    import numpy as np  # an installation runs before there is one
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -30,11 +27,11 @@ def _without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def write_png(path: Path, picture: np.ndarray) -> None:
-    """Write a picture (H, W, 3) uint8 RGB as PNG; ConfigError as for ``write_json``."""
-    import cv2
+def write_yaml(path: Path, data: Any) -> None:
+    """Write a dataclass or plain data, which ``robot.typed_config.load_yaml`` reads."""
+    import yaml
 
-    write_bytes(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
+    write_text(path, yaml.safe_dump(to_plain(data), sort_keys=False))
 
 
 def write_text(path: Path, text: str) -> None:

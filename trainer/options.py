@@ -170,5 +170,5 @@ def _seen_through(translate: str | None, image: "ImageSpec") -> "ImageSpec":
 
     if translate is None or not Path(translate).exists():  # who makes the world will say so
         return image
-    translator = OnnxTranslator(translate)
-    return translator.image if translator.contract.direction == PARSING else image
+    contract = OnnxTranslator(translate).contract
+    return contract.image if contract.direction == PARSING else image

@@ -8,11 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-import yaml
-
 from robot.errors import ConfigError
-from robot.output import atomically, expect_folder, write_text
-from robot.typed_config import from_plain, load_yaml, read_yaml, to_plain
+from robot.output import atomically, expect_folder, write_yaml
+from robot.typed_config import from_plain, load_yaml, read_yaml
 from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
 
@@ -50,7 +48,7 @@ def refuse_run(folder: Path) -> None:
 
 def _begin_run(folder: Path, config: object) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / CONFIG, yaml.safe_dump(to_plain(config), sort_keys=False))
+    write_yaml(folder / CONFIG, config)
 
 
 def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], Config]) -> Config:

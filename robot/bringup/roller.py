@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from robot.computer.clock import Clock
 from robot.errors import ConfigError, HardwareError
-from robot.geometry import WheelSpeeds
+from robot.geometry import STILL, WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.stepping import Steps
 from robot.hat.thread import MotorThread
@@ -96,7 +96,7 @@ class Roller:
 
     def come_to_rest(self) -> None:
         """Ramp down without losing a step, and wait until both wheels stand."""
-        self.motors.set_wheels(WheelSpeeds(0.0, 0.0))
+        self.motors.set_wheels(STILL)
         last, since_s = self.motors.counts, self.clock.now()
         while self.clock.now() < since_s + REST_S:
             self.clock.sleep(REFRESH_S)

@@ -1,4 +1,4 @@
-"""Pictures from files: one, a folder of them, or a video."""
+"""Pictures from and to files: one, a folder of them, or a video."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Iterator, List, Union
 import numpy as np
 
 from robot.errors import ConfigError
+from robot.output import write_bytes
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".tif", ".tiff")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
@@ -62,3 +63,10 @@ def read_picture(path: Path) -> np.ndarray:
     if picture is None:
         raise ConfigError(f"{path}: expected a picture, got a file that OpenCV cannot read")
     return np.ascontiguousarray(picture[..., ::-1])
+
+
+def write_png(path: Path, picture: np.ndarray) -> None:
+    """Write a picture (H, W, 3) uint8 RGB as PNG; ConfigError without a place for it."""
+    import cv2
+
+    write_bytes(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())

@@ -173,14 +173,14 @@ def _camera(machine: Machine, config: CameraConfig) -> Finding:
     except HardwareError as error:
         return _refused("camera", error, "check plug and ribbon; CSI: restart nvargus-daemon")
     needed_hz = 1.0 / CONTROL_DT_S
-    slow, frozen = look.rate_hz < needed_hz, look.repeats == look.pictures - 1
+    slow = look.rate_hz < needed_hz
     decides = f"; the robot decides {needed_hz:g} times a second"
     slower = look.rate_hz < 0.8 * config.fps
     return _judged(
         "camera",
         f"{look.size_px[0]}x{look.size_px[1]}, {look.rate_hz:.1f} pictures a second",
         (slow, FAIL, decides, "raise camera.fps; give a USB camera more light"),
-        (frozen, FAIL, ", but all of them the same bytes: it is frozen", NO_PICTURES),
+        (look.frozen, FAIL, ", but all of them the same bytes: it is frozen", NO_PICTURES),
         (look.brightness < DARK, WARN, ", all but black", "take the cap off, make light"),
         (slower, WARN, f" instead of {config.fps}", "more light, or a lower camera.fps"),
     )

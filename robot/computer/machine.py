@@ -24,16 +24,10 @@ CONNECT_S = 1.0
 class CameraLook(NamedTuple):
     """What a camera gave in a while."""
 
-    pictures: int
-    seconds: float  # from the first picture to the last
+    rate_hz: float  # pictures a second
     size_px: Tuple[int, int]
-    repeats: int  # pictures with the bytes of the one before
+    frozen: bool  # each picture has the bytes of the one before
     brightness: float  # mean of the last, 0 to 255
-
-    @property
-    def rate_hz(self) -> float:
-        """Pictures a second."""
-        return (self.pictures - 1) / self.seconds if self.seconds > 0.0 else 0.0
 
 
 class Machine:
@@ -57,14 +51,14 @@ class Machine:
     def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
         """Look through a camera for a while; HardwareError when it ends before."""
         with closing(open_stream(camera, CAPTURE_PX)) as stream:
-            picture, count, repeats = stream.grab(), 1, 0
+            picture, count, frozen = stream.grab(), 0, True
             began_s = now_s = time.monotonic()
             while now_s < began_s + seconds:
                 last, picture = picture, stream.grab()
                 now_s, count = time.monotonic(), count + 1
-                repeats += np.array_equal(picture, last)
+                frozen = frozen and np.array_equal(picture, last)
         size = (picture.shape[1], picture.shape[0])
-        return CameraLook(count, now_s - began_s, size, repeats, float(picture.mean()))
+        return CameraLook(count / (now_s - began_s), size, frozen, float(picture.mean()))
 
     def connects(self, host: str, port: int) -> str:
         """Why nobody answers there; "" when somebody does."""

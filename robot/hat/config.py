@@ -70,11 +70,6 @@ class MotorConfig:
                 "a larger difference between two wheels is a fault to find"
             )
 
-    @property
-    def channels(self) -> Tuple[int, ...]:
-        """The port's channels."""
-        return PORTS[self.port]
-
 
 @dataclass(frozen=True)
 class HatConfig:

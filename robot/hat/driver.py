@@ -8,12 +8,11 @@ from typing import Iterator, Optional
 
 from robot.computer.clock import Clock
 from robot.errors import ContractError, HardwareError
-from robot.geometry import Pose, WheelSpeeds
+from robot.geometry import STILL, Pose, WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.stepping import StepPlanner, pose_after
 
-STILL = WheelSpeeds(0.0, 0.0)
 PULL_S = 0.25  # with the field half a step beside
 WAKE_S = PULL_S + 0.3  # a rotor swings to the field's direction when its coils come on
 HELD_S = 0.3  # from braking to coils off; without current a rolling robot would coast on

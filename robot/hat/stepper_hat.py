@@ -8,7 +8,7 @@ from typing import Dict, Optional, Sequence
 from robot.computer.clock import Clock
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus, Pca9685
-from robot.hat.config import HatConfig, MotorConfig, ring_levels
+from robot.hat.config import PORTS, HatConfig, MotorConfig, ring_levels
 from robot.hat.stepping import Steps
 
 
@@ -80,14 +80,14 @@ class StepperHat:
         levels: Dict[int, float] = {}
         for motor, position in zip(self._motors, self._positions):
             inputs = ring_levels(position + beside, self._config.microsteps, self.duty or 0.0)
-            levels.update(zip(motor.channels, inputs))
-        pwms = [c for motor in motors for c in (motor.channels[0], motor.channels[-1])]
+            levels.update(zip(PORTS[motor.port], inputs))
+        pwms = [c for motor in motors for c in PORTS[motor.port][::5]]  # PWMA and PWMB
         with_pwm = any(self._sent.get(c) != levels[c] for c in pwms)
         if with_pwm and self._sent:
             # This write would hide that another program switched everything off since the last.
             self.chip.expect_channel(pwms[0], self._sent[pwms[0]])
         part = slice(0, 6) if with_pwm else slice(1, 5)  # of pwma, ain2, ain1, bin1, bin2, pwmb
-        span = [channel for motor in motors for channel in motor.channels[part]]
+        span = [channel for motor in motors for channel in PORTS[motor.port][part]]
         run = range(min(span), max(span) + 1)
         self.chip.set_channels(run[0], [levels[channel] for channel in run])
         self._sent.update((channel, levels[channel]) for channel in run)
@@ -99,6 +99,6 @@ def _looks(motors: Sequence[MotorConfig]) -> Sequence[Optional[int]]:
     Every second look is at the first or the last channel. Those are PWM inputs that whole and half
     steps do not write, so that an all-off by another program shows there until somebody looks.
     """
-    channels = sorted(chain.from_iterable(motor.channels for motor in motors))
+    channels = sorted(chain.from_iterable(PORTS[motor.port] for motor in motors))
     outer, inner = (channels[0], channels[-1]), [*channels[1:-1], None]
     return [look for index, other in enumerate(inner) for look in (outer[index % 2], other)]

@@ -85,10 +85,6 @@ class OnnxPolicy(Network[PolicyContract]):
             )
         return values
 
-    def act(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
-        """The greedy actions (N,) int64; arguments and errors as of ``values``."""
-        return self.values(images, path).argmax(axis=1)
-
     def _checked_path(self, count: int, path: Optional[np.ndarray]) -> Dict[str, np.ndarray]:
         points = self.contract.path_points
         if points == 0 and path is None:
@@ -205,12 +201,8 @@ class OnnxTranslator(Network[TranslatorContract]):
 
     def __init__(self, path: Union[str, Path]) -> None:
         super().__init__(path, TranslatorContract, TRANSLATOR_REMEDY)
-        self.expect(self.image.shape, Tensor("translation", BYTES, (None, *self.image.shape)))
-
-    @property
-    def image(self) -> ImageSpec:
-        """The pictures that it takes and gives."""
-        return self.contract.image
+        shape = self.contract.image.shape
+        self.expect(shape, Tensor("translation", BYTES, (None, *shape)))
 
     def __call__(self, pictures: np.ndarray) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB -> the same, in a fresh array; ContractError: other pictures."""
@@ -222,10 +214,10 @@ def open_translator(
 ) -> OnnxTranslator:
     """A translator of these pictures, in ``direction`` if that matters; ContractError: another."""
     translator = OnnxTranslator(path)
-    if translator.image != image:
+    if translator.contract.image != image:
         raise ContractError(
             f"{path}: expected a translator of the policy's pictures, {image}, got one of "
-            f"{translator.image}; train one with the policy's preset"
+            f"{translator.contract.image}; train one with the policy's preset"
         )
     if direction is not None and translator.contract.direction not in (direction, PARSING):
         raise ContractError(
@@ -249,10 +241,6 @@ class TranslatingPolicy:
         frames = np.moveaxis(stacked, 3, 1)
         translated = self._translator(frames.reshape(-1, height, width, 3)).reshape(frames.shape)
         return self._policy.values(np.moveaxis(translated, 1, 3).reshape(images.shape), path)
-
-    def act(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
-        """The greedy actions (N,) int64; arguments as of ``values``."""
-        return self.values(images, path).argmax(axis=1)
 
 
 def open_policy(path: Union[str, Path], translator: Union[str, Path, None] = None) -> Policy:

@@ -108,10 +108,6 @@ class PoseGate:
         self.latest, self._taken_s = message, now_s
         return True
 
-    def age_s(self, now_s: float) -> float:
-        """Age [s] of ``latest`` since its picture was taken; infinite when there is none."""
-        return self.stream.age_s(now_s)
-
     def _place_problem(self, message: PoseMessage, now_s: float) -> str:
         latest = self.latest
         if self._bounds_m is not None:

@@ -16,7 +16,6 @@ import numpy as np
 
 from robot.contract import FIVE_ACTIONS, MOST_ACTIONS, ActionTable
 from robot.errors import ContractError
-from robot.geometry import Pose
 from robot.link.wire import COUNT, NAME, TIME_S, Checked, Message, entries, number, one_of, text
 
 FAR_M = 1000.0  # no arena is larger
@@ -52,13 +51,6 @@ class Sighting(Checked):
     heading_rad: Optional[float] = field(metadata=number(-HALF_TURN_RAD, HALF_TURN_RAD))
     confidence: float = field(metadata=number(0.0, 1.0))
 
-    @property
-    def pose(self) -> Optional[Pose]:
-        """The pose, or None when the heading was not seen."""
-        if self.heading_rad is None:
-            return None
-        return Pose(self.x_m, self.y_m, self.heading_rad)
-
 
 @dataclass(frozen=True)
 class PoseMessage(Sighting):
@@ -87,11 +79,8 @@ class PosesMessage(Message):
     @property
     def every(self) -> Tuple[PoseMessage, ...]:
         """The poses, each with the message's stamp."""
-        stamp = (self.t_capture_s, self.session, self.sequence, self.t_sent_s)
-        return tuple(
-            PoseMessage(r.robot, r.x_m, r.y_m, r.heading_rad, r.confidence, *stamp)
-            for r in self.robots
-        )
+        stamp = {key: value for key, value in vars(self).items() if key != "robots"}
+        return tuple(PoseMessage(**vars(robot), **stamp) for robot in self.robots)
 
     def of(self, robot: str) -> Optional[PoseMessage]:
         """The pose of this robot; None where it was not seen."""

@@ -201,6 +201,8 @@ class MissionNavigator:
         if self._glimpse is not None:
             place_m, turned_rad = self._fusion.certainty[0].tolist()
             within = (place_m, turned_rad) if pose is not None else (math.inf, math.inf)
+        alone = now_s - self._arrived_s >= HEARD_S  # pictures alone tell the place
+        strange = alone and self._finding is not None and self._finding.strange > STRANGE
         guidance = Guidance(
             pose=pose,
             # Time without a pose, and the delay of the last one beyond what is usual. Steps bridge
@@ -211,7 +213,7 @@ class MissionNavigator:
             pose_within=within,
             driven_m=self._driven_m,
             off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
-            pose_jump=self._jumps >= JUMPS or self._strange(now_s),
+            pose_jump=self._jumps >= JUMPS or strange,
             pose_doubt=(doubt.doubtful and not doubt.stands) or now_s - self._within_s > BOUND_S,
             not_moving=doubt.doubtful and doubt.stands,
             duplicate_publisher=self._gate.stream.conflict(now_s),
@@ -220,12 +222,6 @@ class MissionNavigator:
             return self._follow(guidance, self._path, pose, self.status, now_s)
         on = self._finding.on(now_s, self._driving) if self.searches and self._finding else None
         return guidance if on is None else self._drive_on(guidance, on, now_s)
-
-    def _strange(self, now_s: float) -> bool:
-        """Whether pictures alone tell the place, and show that it is another one."""
-        if self._finding is None or now_s - self._arrived_s < HEARD_S:
-            return False
-        return self._finding.strange > STRANGE
 
     @property
     def searches(self) -> bool:
@@ -322,7 +318,7 @@ class MissionNavigator:
             return
         age_s = float(self._fusion.age_s(now_s)[0])
         heading_rad = math.nan if message.heading_rad is None else message.heading_rad
-        captured_s = now_s - self._gate.age_s(now_s)
+        captured_s = now_s - self._gate.stream.age_s(now_s)
         measured = np.array([[message.x_m, message.y_m, heading_rad]])
         self._fusion.measure(measured, np.array([captured_s]))
         if math.isnan(heading_rad) and self.pose is not None:

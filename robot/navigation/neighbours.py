@@ -219,9 +219,10 @@ class _Track:
         """Whether it could be true; what jumps is believed once it could have driven there."""
         if not self._gate.take(message, now_s):
             return False
-        self.at_s = now_s - self._gate.age_s(now_s)
-        self.headed |= message.heading_rad is not None
-        self.pose = message.pose or Pose(message.x_m, message.y_m, self.pose.heading_rad)
+        self.at_s = now_s - self._gate.stream.age_s(now_s)
+        self.pose = Pose(message.x_m, message.y_m, self.pose.heading_rad)
+        if message.heading_rad is not None:
+            self.headed, self.pose = True, self.pose._replace(heading_rad=message.heading_rad)
         self._places.append((self.at_s, self.pose))
         while self.at_s - self._places[0][0] > _SPAN_S + 1e-6:
             self._places.popleft()

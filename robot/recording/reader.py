@@ -83,13 +83,8 @@ def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
                 yield Entry(topic, time_s, record.sequence, record.data)
 
 
-def read_about(path: PathLike) -> Dict[str, str]:
-    """Facts of a recording: robot, model and versions; {} where it has none."""
-    return read_note(path, ABOUT)
-
-
-def read_note(path: PathLike, name: str) -> Dict[str, str]:
-    """Facts under a name in a recording; {} where it has none."""
+def read_about(path: PathLike, name: str = ABOUT) -> Dict[str, str]:
+    """Facts under a name in a recording, robot, model and versions; {} where it has none."""
     from mcap.records import Metadata
 
     found = (r for r in records(path) if isinstance(r, Metadata) and r.name == name)
@@ -151,16 +146,11 @@ def recover_folder(folder: PathLike) -> Iterator[Path]:
     for path in sorted(Path(folder).glob(f"*{UNFINISHED}")):
         whole = path.with_name(path.name[: -len(UNFINISHED)] + SUFFIX)
         try:
-            recover(path, whole)
+            copy(path, whole, lambda *_: True, {"recovered": {}})
         except ConfigError:
             continue  # not ours, or not even a beginning
         path.unlink()
         yield whole
-
-
-def recover(source: PathLike, target: PathLike) -> int:
-    """Write what can be read of ``source`` as a whole recording; the number of its messages."""
-    return copy(source, target, lambda *_: True, {"recovered": {}})
 
 
 def copy(
@@ -218,7 +208,7 @@ class Piece(NamedTuple):
 def read_pieces(path: PathLike) -> Tuple[Piece, ...]:
     """What is marked in a recording, by time; ConfigError for what is no marks."""
     try:
-        plain = json.loads(read_note(path, MARKS).get("pieces", "[]"))
+        plain = json.loads(read_about(path, MARKS).get("pieces", "[]"))
         pieces = tuple(Piece(float(a), float(b), str(kind)) for a, b, kind in plain)
     except (ValueError, TypeError) as error:
         raise ConfigError(f"{path}: expected marked pieces, got: {error}") from error

@@ -159,9 +159,6 @@ def open_reports(
         recorder = stack.enter_context(Recorder(config.recording, describe(config, hear)))
         recorders.append(recorder)
         others.append(recorder.reading)
-    if link is not None:
-        others.append(link.allow_list.reading)
-    health = Health(time.monotonic, others)
     about = Telemetry(
         config.name,
         State.DISARMED.value,
@@ -171,7 +168,9 @@ def open_reports(
     )
     publish, show = None, None
     if link is not None:
+        others.append(link.allow_list.reading)
         publish = sockets.Publisher(link, Telemetry).send
         show = sockets.Publisher(link, FrameMessage).send
-    reporter = Reporter(publish, show, about, config.safety, navigator, health.readings)
+    health = Health(time.monotonic, others).readings
+    reporter = Reporter(publish, show, about, config.safety, navigator, health)
     return [reporter, *recorders]

@@ -13,9 +13,9 @@ import struct
 from typing import Dict, Optional
 
 from robot.contract import Stick
+from robot.geometry import STILL
 from robot.parts import Ask
 from robot.safety.state_machine import Command
-from robot.safety.wheel_limits import STILL
 
 EVENT = struct.Struct("IhBB")  # time [ms], value, type, number
 BUTTON, AXIS, AT_OPENING = 0x01, 0x02, 0x80

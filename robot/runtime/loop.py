@@ -17,7 +17,7 @@ from robot.camera.source import Camera, Frame
 from robot.computer.clock import Clock
 from robot.contract import CONTROL_DT_S
 from robot.errors import ContractError, HardwareError
-from robot.geometry import WheelSpeeds
+from robot.geometry import STILL, WheelSpeeds
 from robot.inference.policy import best_action, values_of
 from robot.inference.preprocess import check_frame
 from robot.parts import Guidance, Motors, Navigator, Operator, Policy, Subscriber, Tick
@@ -25,7 +25,7 @@ from robot.runtime.timing import RateKeeper
 from robot.safety.gates import Inputs, Reason
 from robot.safety.governors import Cap, Road, Rule, govern
 from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
-from robot.safety.wheel_limits import STILL, Drive
+from robot.safety.wheel_limits import Drive
 from robot.vision.plausibility import PictureDoubts, Sight
 
 T = TypeVar("T")

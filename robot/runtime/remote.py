@@ -6,13 +6,12 @@ import math
 from typing import Optional, Tuple
 
 from robot.errors import ContractError, PlanError
-from robot.geometry import Pose, WheelSpeeds
+from robot.geometry import STILL, Pose, WheelSpeeds
 from robot.link import messages
 from robot.link.command_server import CommandServer
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Ask
 from robot.safety.state_machine import Command
-from robot.safety.wheel_limits import STILL
 
 START_WITHIN_M = 0.15  # a robot's length: as well as a person puts it down
 

@@ -19,7 +19,7 @@ from robot.link.wire import tidy_text
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Tick
 from robot.safety.gates import SafetyLimits
-from robot.safety.state_machine import State
+from robot.safety.state_machine import MOVING, State
 
 JPEG_QUALITY = 85
 SAME_MPS = 1e-5  # a person's wheels come with six decimals
@@ -95,7 +95,7 @@ class Reporter:
     def _driven(self, tick: Tick) -> Optional[int]:
         """The policy's action while that drives, or a person's; None at rest."""
         if tick.verdict.state is not State.MANUAL or tick.drive is None:
-            return tick.action if tick.verdict.may_move else None
+            return tick.action if tick.verdict.state in MOVING else None
         off = np.abs(np.subtract(self._about.actions, tick.drive.wanted)).max(axis=1)
         return int(off.argmin()) if off.min() < SAME_MPS else None
 

@@ -83,11 +83,6 @@ class Verdict(NamedTuple):
     sentence: str
     since_s: float
 
-    @property
-    def may_move(self) -> bool:
-        """Whether the wheels may turn."""
-        return self.state in MOVING
-
 
 class Answer(NamedTuple):
     """Whether a command was done; the sentence says why not."""
@@ -97,7 +92,7 @@ class Answer(NamedTuple):
 
 
 class Safety:
-    """The supervisor. Its caller looks at ``verdict.may_move`` before every motion.
+    """The supervisor. Its caller looks whether ``verdict.state`` is `MOVING` before every motion.
 
     Not for several threads at once. The clock is monotonic [s]; while ``never`` says why not, no
     command leads to an armed state.

@@ -14,7 +14,6 @@ from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
 from robot.safety.governors import Cap
 
-STILL = WheelSpeeds(0.0, 0.0)
 # From rest to the table's fastest wheel within one decision, and a quarter more.
 MAX_WHEEL_MPS2 = 1.25 * MAX_WHEEL_MPS / CONTROL_DT_S  # 3.8 m/s^2
 
@@ -29,10 +28,8 @@ def limit_speed(wanted: WheelSpeeds, most_mps: float = MAX_WHEEL_MPS) -> WheelSp
     return WheelSpeeds(wanted.left_mps * scale, wanted.right_mps * scale)
 
 
-def limit_rate(
-    wanted: WheelSpeeds, last: WheelSpeeds, dt_s: float, most_mps2: float = MAX_WHEEL_MPS2
-) -> WheelSpeeds:
-    """``wanted``, but each wheel at most ``most_mps2`` x ``dt_s`` away from ``last``.
+def limit_rate(wanted: WheelSpeeds, last: WheelSpeeds, dt_s: float) -> WheelSpeeds:
+    """``wanted``, but each wheel at most `MAX_WHEEL_MPS2` x ``dt_s`` away from ``last``.
 
     Only for driving: a stop is a stop, and never goes through here. ContractError for a speed or a
     time step that is NaN, infinite or negative.
@@ -41,7 +38,7 @@ def limit_rate(
     _check_finite(last)
     if not 0.0 <= dt_s < math.inf:
         raise ContractError(f"dt_s: expected a time step of 0 s or more, got {dt_s}")
-    step_mps = most_mps2 * dt_s
+    step_mps = MAX_WHEEL_MPS2 * dt_s
     return WheelSpeeds(*(min(max(w, v - step_mps), v + step_mps) for w, v in zip(wanted, last)))
 
 

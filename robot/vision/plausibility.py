@@ -15,8 +15,7 @@ from typing import NamedTuple, Optional, Tuple
 import numpy as np
 
 from robot.camera.source import Frame
-from robot.geometry import Pose, WheelSpeeds
-from robot.safety.wheel_limits import STILL
+from robot.geometry import STILL, Pose, WheelSpeeds
 from robot.vision.road_fit import RoadFit, Verdict
 
 BLOCK_PX = 8

@@ -20,7 +20,7 @@ tilts = st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
 def board_error_mm(report, rig, height_m=0.12):
     """RMS error of boards all over the map, seen by the true camera."""
     places = grid(6, margin_m=0.1)
-    found = report.calibration.to_floor(rig.see(places, height_m), height_m)
+    found = report.calibration.camera.to_floor(rig.see(places, height_m), height_m)
     return 1000.0 * float(np.sqrt(np.mean(np.sum((found - places) ** 2, axis=1))))
 
 

@@ -8,9 +8,9 @@ from localizer_node.calibration import (
     Calibration,
     Colour,
     Marker,
-    save_calibration,
 )
 from robot.errors import ConfigError
+from robot.output import write_yaml
 from robot.typed_config import from_plain, load_yaml
 from tests.localizer_node.rigs import LENSES, Rig
 
@@ -23,14 +23,14 @@ def test_a_file_gives_back_what_was_written(lens, tmp_path):
         roi_px=((1.0, 2.0), (700.5, 3.0), (600.0, 700.0)),
         residual_mm=1.5,
     )
-    save_calibration(written, tmp_path / "arena.yaml")
+    write_yaml(tmp_path / "arena.yaml", written)
     assert load_yaml(Calibration, tmp_path / "arena.yaml") == written
     assert [p.name for p in tmp_path.iterdir()] == ["arena.yaml"]
 
 
 def test_a_file_with_an_unknown_key_names_the_nearest(tmp_path):
     path = tmp_path / "arena.yaml"
-    save_calibration(Rig().calibration(), path)
+    write_yaml(path, Rig().calibration())
     path.write_text(path.read_text().replace("hanging:", "hangin:"))
     with pytest.raises(ConfigError, match="did you mean 'hanging'"):
         load_yaml(Calibration, path)

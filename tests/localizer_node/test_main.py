@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from localizer_node.__main__ import main
-from localizer_node.calibration import Calibration, Marker, map_corners, save_calibration
+from localizer_node.calibration import Calibration, Marker, map_corners
+from robot.output import write_yaml
 from robot.typed_config import load_yaml
 from tests.localizer_node.rigs import FISHEYE, MAP_M, Rig, grid
 
@@ -20,7 +21,7 @@ def arena(tmp_path):
     picture = RIG.floor()
     RIG.paint_robot(picture, Marker(), POSE)
     cv2.imwrite(str(tmp_path / "arena.png"), picture[..., ::-1])
-    save_calibration(RIG.calibration(), tmp_path / "arena.yaml")
+    write_yaml(tmp_path / "arena.yaml", RIG.calibration())
     return tmp_path
 
 

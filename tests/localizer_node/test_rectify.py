@@ -31,7 +31,7 @@ def test_pixels_agree_with_euclid_at_every_height(rig, height_m):
     seen = np.isfinite(pixels).all(axis=1)
     assert seen.sum() > 20
     assert np.allclose(rectifier.to_pixels(places, height_m)[seen], pixels[seen], atol=1e-6)
-    assert np.allclose(rectifier.to_floor(pixels, height_m)[seen], places[seen], atol=2e-5)
+    assert np.allclose(rectifier.camera.to_floor(pixels, height_m)[seen], places[seen], atol=2e-5)
 
 
 @given(st.floats(0.01, 0.5), st.floats(0.1, 1.6), yaws, tilts)
@@ -41,7 +41,7 @@ def test_a_raised_point_is_displaced_outward_by_r_h_over_H_minus_h(h, r, azimuth
     foot, big_h = np.array(rig.position_m[:2]), rig.position_m[2]
     outward = np.array([math.cos(azimuth), math.sin(azimuth)])
     pixel = rig.see(foot + r * outward, h)
-    on_floor = rig.calibration().to_floor(pixel)
+    on_floor = rig.calibration().camera.to_floor(pixel)
     assert np.allclose(on_floor - (foot + r * outward), outward * r * h / (big_h - h), atol=1e-5)
 
 
@@ -62,13 +62,15 @@ def test_linearised_is_the_derivative():
     pixels = np.array([[300.0, 200.0], [900.0, 600.0]])
     places, slope = rectifier.linearised(pixels, 0.12)
     step = np.array([1.5, -2.0])
-    assert np.allclose(rectifier.to_floor(pixels + step, 0.12), places + slope @ step, atol=3e-5)
+    assert np.allclose(
+        rectifier.camera.to_floor(pixels + step, 0.12), places + slope @ step, atol=3e-5
+    )
 
 
 def test_a_pixel_that_shows_no_floor_gives_nan():
     rig = Rig(replace(FISHEYE, fx_px=500.0, fy_px=500.0), tilt_rad=(0.9, 0.0))
     top_and_bottom = np.array([[640.0, 0.0], [640.0, 1279.0]])
-    shown = np.isfinite(rig.calibration().to_floor(top_and_bottom)).all(axis=1)
+    shown = np.isfinite(rig.calibration().camera.to_floor(top_and_bottom)).all(axis=1)
     assert shown.sum() == 1
 
 

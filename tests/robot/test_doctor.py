@@ -33,7 +33,7 @@ class Patient:
     packages: Dict[str, str] = field(default_factory=dict)
     without: Tuple[str, ...] = ()
     hats: Dict[int, WatchedBus] = field(default_factory=dict)
-    look: CameraLook = field(default_factory=lambda: CameraLook(60, 2.0, (320, 240), 0, 100.0))
+    look: CameraLook = field(default_factory=lambda: CameraLook(29.5, (320, 240), False, 100.0))
     health: Tuple[Reading, ...] = (Reading("temperature", 45.0, "°C"), Reading("load", 0.2))
     unreachable: str = ""
     dead_camera: str = ""
@@ -135,9 +135,9 @@ AILMENTS: Dict[str, Tuple[Ail, str, str, str]] = {
         FAIL,
         "nvargus-daemon",
     ),
-    "camera slow": (looks(pictures=11), "camera", FAIL, "light"),
-    "camera slower than told": (looks(pictures=31), "camera", WARN, "camera.fps"),
-    "camera frozen": (looks(repeats=59), "camera", FAIL, "plug the camera again"),
+    "camera slow": (looks(rate_hz=5.0), "camera", FAIL, "light"),
+    "camera slower than told": (looks(rate_hz=15.0), "camera", WARN, "camera.fps"),
+    "camera frozen": (looks(frozen=True), "camera", FAIL, "plug the camera again"),
     "lens covered": (looks(brightness=3.0), "camera", WARN, "cap"),
     "localizer away": (sets(unreachable="timed out"), "localizer", WARN, "is it running"),
     "disk filling": (suffers("disk free", 4.0, "%", "warn"), "disk free", WARN, "delete"),

@@ -26,7 +26,7 @@ from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
 from robot.runtime.timing import Watchdog
 from robot.safety.gates import Reason, SafetyLimits
-from robot.safety.state_machine import Command, Safety, State
+from robot.safety.state_machine import MOVING, Command, Safety, State
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from tests.robot.clocks import FakeClock
@@ -80,7 +80,7 @@ class Driving:
     ) -> None:
         clock = MonotonicClock()
         self.safety = Safety(clock.now, PATIENT)
-        self.motors = motors or FakeMotors(lambda: self.safety.verdict.may_move)
+        self.motors = motors or FakeMotors(lambda: self.safety.verdict.state in MOVING)
         parts = (self.motors, self.safety, clock, subscribers)
         policy = FakePolicy(FakeClock(), lane_contract())
         self.runtime = Runtime(camera or Noise(), policy, *parts)

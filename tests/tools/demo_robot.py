@@ -28,7 +28,7 @@ from robot.contract import (
     PolicyContract,
 )
 from robot.errors import ContractError
-from robot.geometry import Pose, WheelSpeeds
+from robot.geometry import STILL, Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.command_server import CommandServer
 from robot.link.messages import PosesMessage, Sighting, Telemetry
@@ -42,7 +42,6 @@ from robot.runtime.reports import Reporter
 from robot.runtime.timing import RateKeeper
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Safety, State
-from robot.safety.wheel_limits import STILL
 from tests.robot.link.conftest import configs_of
 
 NAME = "duck"

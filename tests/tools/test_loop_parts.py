@@ -181,7 +181,8 @@ def test_pure_pursuit_turns_to_where_the_path_goes(tmp_path: Path) -> None:
     policy = OnnxPolicy(write_pursuit(tmp_path / "pursuit.onnx"))
     picture = np.full((1, *policy.contract.image.shape), 77, np.uint8)
     angles = np.array([0.9, 0.25, 0.0, -0.25, -0.9], np.float32)
-    chosen = [int(policy.act(picture, np.full((1, 10), angle, np.float32))[0]) for angle in angles]
+    paths = [np.full((1, 10), angle, np.float32) for angle in angles]
+    chosen = [int(policy.values(picture, path).argmax()) for path in paths]
     assert chosen == [0, 1, 2, 3, 4]
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.command_line import SEED, OneLineParser, answer, whole
+from robot.command_line import OneLineParser, answer, whole
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
 from robot.typed_config import to_plain
@@ -255,7 +255,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--look", nargs="+", default=("randomised", "reality"))
     parser.add_argument("--map", nargs="+", default=(), help="else all judging maps")
     parser.add_argument("--decisions", type=whole(1, 100_000), default=400, help="of 20 robots")
-    parser.add_argument("--seed", type=SEED, default=1000)
+    parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=1000)
     options = parser.parse_args(arguments)
     return answer("judge_sight", lambda: judge_all(options))
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.command_line import SEED, OneLineParser, number, whole
+from robot.command_line import OneLineParser, number, whole
 from robot.output import write_json
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_DT_S
@@ -141,7 +141,7 @@ def main() -> int:
     parser.add_argument("--robots", type=whole(1, 1000), default=30)
     parser.add_argument("--seconds", type=number(20, 600), default=90.0, help="of each drive")
     parser.add_argument("--look", default="wide/day", help="to draw robots from")
-    parser.add_argument("--seed", type=SEED, default=0)
+    parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=0)
     parser.add_argument("--json", type=Path, help="write the figures, and pages beside them")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

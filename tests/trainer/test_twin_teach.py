@@ -136,7 +136,7 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     model = tmp_path / "model.onnx"
     taught = replace(contract, taught_from="lane_coached")
     export_network(network, taught, model)
-    actions = OnnxPolicy(model).act(person.images)
+    actions = OnnxPolicy(model).values(person.images).argmax(axis=1)
     assert foretold(actions, person, contract) == (40, 40)  # what the person did, again and again
     proof = Proof(1, 0, 0.0, 0.8, 40, 40, "a sentence")
     export_network(network, replace(taught, proof=proof), model)

@@ -98,10 +98,10 @@ def _write_run(folder: Path) -> None:
 
 
 def _calibration(path: Path) -> Path:
-    from localizer_node.calibration import save_calibration
+    from robot.output import write_yaml
     from tests.localizer_node.rigs import Rig
 
-    save_calibration(Rig().calibration(), path)
+    write_yaml(path, Rig().calibration())
     return path
 
 

@@ -14,16 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from localizer_node.calibration import save_calibration
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.hat.config import HatConfig
 from robot.link.keys import ALLOWED, BOUND_BY, PUBLIC, keygen
 from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
+from robot.output import write_yaml
 from robot.safety.governors import Rules
-from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.loop.operator import Operator
 from tools.loop.process import END_S, Process
@@ -87,7 +85,7 @@ class Bench:
         self.recordings = options.recordings or folder / "recordings"
         self.operator: Operator
         self.second: Operator  # at the page of the second robot
-        save_calibration(self.town.calibration, folder / "arena.yaml")
+        write_yaml(folder / "arena.yaml", self.town.calibration)
         self.use_model(options.model)
 
     def __enter__(self) -> Bench:
@@ -259,8 +257,7 @@ class Bench:
             for robot in filter(None, (self.town, self.town.second))
         }
         for name, config in {**self.link_configs, **robots}.items():
-            text = yaml.safe_dump(to_plain(config), sort_keys=False)
-            (self.folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+            write_yaml(self.folder / f"{name}.yaml", config)
 
 
 def connect(

@@ -25,7 +25,7 @@ from robot.navigation.road_map import RoadMap, load_map
 from robot.output import expect_writable, write_json
 from robot.parts import Policy, Tick
 from robot.runtime.loop import Runtime
-from robot.safety.state_machine import Command, Safety
+from robot.safety.state_machine import MOVING, Command, Safety
 from robot.vision.plausibility import PictureDoubts
 from sim_pybullet.look import Look
 from sim_pybullet.tasks.following import HALF_LANE_TILES
@@ -90,7 +90,7 @@ class LapDrive:
             while record.laps < laps and self.clock.now() < limit_s:
                 verdict = self._turn(record, watch).verdict
                 record.state, record.reason = verdict.state.value, verdict.sentence
-                if not verdict.may_move or record.left_lane or self.world.collided:
+                if verdict.state not in MOVING or record.left_lane or self.world.collided:
                     break
             record.lost_steps = self.hat.lost_steps
             self.runtime.ask(Command.DISARM)

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, ImageSpec
-from robot.geometry import Pose, WheelSpeeds, wrap_angle
+from robot.geometry import STILL, Pose, WheelSpeeds, wrap_angle
 from robot.inference.preprocess import preprocess_batch
 from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
@@ -16,7 +16,7 @@ from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch, WaySeen
 from robot.safety.governors import FirstCome, KeepApart, Lights, Road, Rule, StopLines, govern
 from robot.safety.road_ahead import Light, RoadAhead
-from robot.safety.wheel_limits import STILL, Drive
+from robot.safety.wheel_limits import Drive
 from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.look import ARENA_POSE, PoseLook

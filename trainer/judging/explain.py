@@ -19,13 +19,12 @@ from onnxruntime import InferenceSession, SessionOptions
 from rich.console import Console
 from rich.progress import track
 
-from robot.camera.files import PICTURES, VIDEOS, picture_files, play, read_picture
+from robot.camera.files import PICTURES, VIDEOS, picture_files, play, read_picture, write_png
 from robot.camera.source import fit_to_frame
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import read_contract
 from robot.inference.preprocess import preprocess
-from robot.output import write_png
 from trainer.export import export_weights
 from trainer.mp4 import write_mp4
 from trainer.run import RunFolder

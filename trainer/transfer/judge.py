@@ -25,9 +25,10 @@ def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path])
 
     ``sim`` are collections from the simulator, best none that it was trained with.
     """
-    simulated, photographs = (load_pictures(paths, translator.image) for paths in (sim, real))
+    image = translator.contract.image
+    simulated, photographs = (load_pictures(paths, image) for paths in (sim, real))
     made, shown, folder = translator(simulated.images), photographs.images, simulated.folder
-    paint = load_paint(simulated, translator.image)
+    paint = load_paint(simulated, image)
     return {
         "translator": str(translator.path),
         "pictures": len(simulated.images),

@@ -11,18 +11,16 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import yaml
 from rich.progress import track
 
-from robot.camera.files import picture_files, play, read_picture
+from robot.camera.files import picture_files, play, read_picture, write_png
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
 from robot.navigation.road_map import RoadMap
-from robot.output import write_png
+from robot.output import write_yaml
 from robot.recording.reader import read_frames
-from robot.typed_config import to_plain
 from sim_pybullet.episodes import LookPool
 from sim_pybullet.racing.track import SCALE, Track, is_track
 from sim_pybullet.rendering.ray_camera import RayCamera
@@ -131,7 +129,7 @@ def collect(out: Path, source: Source) -> None:
     DuckpilotError if ``out`` exists, or a map or look is none to learn from.
     """
     with appearing(out) as folder:
-        (folder / "collection.yaml").write_text(yaml.safe_dump(to_plain(source), sort_keys=False))
+        write_yaml(folder / "collection.yaml", source)
         frames = track(simulated(source), "frames", source.frames, transient=True)
         for number, (frame, label) in enumerate(frames):
             for part, picture in (("image", frame[..., ::-1]), ("label", label)):

@@ -17,11 +17,11 @@ from robot.bringup.chessboard import (
     fit_lens,
     fit_mount,
 )
+from robot.camera.files import write_png
 from robot.cli import main
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
-from robot.output import write_png
 from robot.typed_config import load_yaml
 from tests.robot.bringup.boards import floor_picture, held_boards
 

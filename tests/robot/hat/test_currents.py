@@ -8,7 +8,7 @@ from typing import List, Tuple
 
 import pytest
 
-from robot.hat import config as hat_config
+from robot.hat import stepper_hat
 from robot.hat.config import HatConfig
 from sim_pybullet.virtual.rotor import Rotor, RotorModel
 from tests.robot.hat.rig import Rig, full_step_m, make_rig
@@ -143,15 +143,15 @@ def test_the_emulator_follows_the_right_wiring() -> None:
 
 @pytest.mark.parametrize(("first", "second"), [*itertools.combinations(range(6), 2)])
 def test_exchanged_pins_show(monkeypatch: pytest.MonkeyPatch, first: int, second: int) -> None:
-    ports = dict(hat_config.PORTS)
+    ports = dict(stepper_hat.PORTS)
     ports["M1M2"] = exchanged(ports["M1M2"], first, second)
-    monkeypatch.setattr(hat_config, "PORTS", ports)
+    monkeypatch.setattr(stepper_hat, "PORTS", ports)
     assert not follows(quarter_rig())
 
 
 def test_exchanged_motors_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    left, right = hat_config.PORTS["M1M2"], hat_config.PORTS["M3M4"]
-    monkeypatch.setattr(hat_config, "PORTS", {"M1M2": right, "M3M4": left})
+    left, right = stepper_hat.PORTS["M1M2"], stepper_hat.PORTS["M3M4"]
+    monkeypatch.setattr(stepper_hat, "PORTS", {"M1M2": right, "M3M4": left})
     assert not follows(quarter_rig())
 
 

@@ -225,6 +225,6 @@ def test_what_is_translated_is_decided_by_the_greatest_value() -> None:
     answer = np.array([[0.0, 2.0, 1.0, 0.0, 0.0], [5.0, 2.0, 1.0, 0.0, 9.0]])
     policy = TranslatingPolicy(Thinker(answer=answer), Same())
     images, path = np.zeros((2, *SMALL.shape), np.uint8), np.zeros((2, 10), np.float32)
-    assert policy.act(images, path).tolist() == [1, 4]
+    assert policy.values(images, path).argmax(axis=1).tolist() == [1, 4]
     ((_, told),) = policy._policy.asked  # type: ignore[attr-defined]
     assert told is path

@@ -33,7 +33,7 @@ def test_reads_the_contract_and_decides(tmp_path: Path) -> None:
     contract = lane_contract(image=SMALL, run="run-1", trained_steps=7, score=0.5)
     policy = OnnxPolicy(write_policy(tmp_path / "m.onnx", contract))
     assert policy.contract == contract
-    actions = policy.act(plain(RED, GREEN, BLUE, BLACK))
+    actions = policy.values(plain(RED, GREEN, BLUE, BLACK)).argmax(axis=1)
     assert actions.tolist() == [
         Action.LEFT,
         Action.SLIGHT_LEFT,
@@ -46,7 +46,7 @@ def test_a_path_steers_a_navigating_policy(tmp_path: Path) -> None:
     policy = OnnxPolicy(write_policy(tmp_path / "m.onnx", navigation_contract(image=SMALL)))
     ones = np.ones((1, PATH_POINTS), np.float32)
     images = plain(BLACK, BLACK, BLACK)
-    actions = policy.act(images, np.concatenate((ones, 0 * ones, -ones)))
+    actions = policy.values(images, np.concatenate((ones, 0 * ones, -ones))).argmax(axis=1)
     assert actions.tolist() == [Action.SLIGHT_LEFT, Action.STRAIGHT, Action.SLIGHT_RIGHT]
 
 

@@ -110,8 +110,8 @@ def test_the_robots_policy_sees_the_translation(tmp_path: Path, negative: Path) 
     assert isinstance(seen, TranslatingPolicy)
     assert seen.contract == OnnxPolicy(model).contract
     cyan = np.full((1, *SMALL.shape), (0, 255, 255), np.uint8)
-    assert seen.act(cyan) == Action.LEFT  # it sees red
-    assert OnnxPolicy(model).act(cyan) != Action.LEFT
+    assert seen.values(cyan).argmax(axis=1) == Action.LEFT  # it sees red
+    assert OnnxPolicy(model).values(cyan).argmax(axis=1) != Action.LEFT
     wrong = write_translator(tmp_path / "wrong.onnx", contract("sim-to-real"))
     with pytest.raises(ContractError, match="expected a translator real-to-sim"):
         open_policy(model, wrong)

@@ -113,13 +113,13 @@ def test_a_publisher_that_dies_is_only_silent_and_its_successor_is_heard_within_
     subscriber.receive()
     time.sleep(0.5)
     assert subscriber.receive() is None
-    assert gate.age_s(time.monotonic()) > 0.5
+    assert gate.stream.age_s(time.monotonic()) > 0.5
     publisher = Publisher(open_link(localizer), PosesMessage)
     began_s = time.monotonic()
     message = deliver(publisher, subscriber)
     assert time.monotonic() - began_s < 1.0
     assert gate.take(message.of("duck"), time.monotonic())
-    assert gate.age_s(time.monotonic()) < 0.5
+    assert gate.stream.age_s(time.monotonic()) < 0.5
 
 
 def raw_publisher(config: LinkConfig, open_link: Open) -> Callable[[bytes], None]:

@@ -16,7 +16,7 @@ from robot.parts import Guidance, Tick
 from robot.recording.drive_file import Heard, Subject, describe
 from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
-from robot.safety.state_machine import Command, Safety
+from robot.safety.state_machine import MOVING, Command, Safety
 from tests.robot.clocks import FakeClock
 from tests.robot.fakes import FakeCamera, FakeMotors, FakeNavigator
 from tests.robot.tiny_onnx import navigation_contract, write_policy
@@ -50,7 +50,7 @@ class Robot:
         self.runtime = Runtime(
             ColourCamera(self.clock),
             OnnxPolicy(self.model),
-            FakeMotors(lambda: self.safety.verdict.may_move),
+            FakeMotors(lambda: self.safety.verdict.state in MOVING),
             self.safety,
             self.clock,
             navigator=self.navigator,

@@ -8,13 +8,13 @@ from typing import List
 
 import pytest
 
+from robot.camera.files import write_png
 from robot.cli import main
 from robot.contract import PolicyContract, action_name
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
 from robot.inference.policy import OnnxPolicy
 from robot.link.messages import Telemetry
-from robot.output import write_png
 from robot.parts import Tick
 from robot.recording.drive_file import MODEL, DriveFile, DriveLog, Heard
 from robot.recording.reader import entries
@@ -23,7 +23,7 @@ from robot.recording.topics import TELEMETRY
 from robot.runtime.loop import Runtime
 from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits
-from robot.safety.state_machine import Command, Safety, State
+from robot.safety.state_machine import MOVING, Command, Safety, State
 from tests.robot.clocks import FakeClock
 from tests.robot.fakes import FakeMotors
 from tests.robot.recording.drives import ColourCamera
@@ -53,7 +53,7 @@ class Drive:
         about = Telemetry("daisy", "DISARMED", actions=policy.contract.actions)
         feed = Reporter(self.reports.append, None, about, SafetyLimits())
         safety = Safety(clock)
-        self.motors = FakeMotors(lambda: safety.verdict.may_move)
+        self.motors = FakeMotors(lambda: safety.verdict.state in MOVING)
         self.runtime = Runtime(
             ColourCamera(clock), policy, self.motors, safety, clock, subscribers=(feed,)
         )

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from robot.geometry import STILL
 from robot.runtime.gamepad import Gamepad
 from robot.safety.gates import Reason
 from robot.safety.state_machine import State
-from robot.safety.wheel_limits import STILL
 from tests.robot.runtime.test_loop import Bench
 
 LEFT_X, LEFT_Y, B, Y, LB, START = 0, 1, 1, 3, 4, 7

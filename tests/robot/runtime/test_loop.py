@@ -16,14 +16,13 @@ from robot.camera.source import Frame
 from robot.computer.clock import MonotonicClock
 from robot.contract import ACTION_WHEELS, CONTROL_DT_S, MAX_WHEEL_MPS, Action, PolicyContract
 from robot.errors import ContractError, HardwareError
-from robot.geometry import Pose, WheelSpeeds
+from robot.geometry import STILL, Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.runtime.loop import Runtime
 from robot.runtime.timing import Watchdog
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.governors import Rule
-from robot.safety.state_machine import Command, Safety, State
-from robot.safety.wheel_limits import STILL
+from robot.safety.state_machine import MOVING, Command, Safety, State
 from robot.vision.plausibility import Sight
 from tests.robot.clocks import FakeClock
 from tests.robot.fakes import (
@@ -52,7 +51,7 @@ class Bench:
         self.safety = Safety(self.clock, limits)
         self.camera = FakeCamera(self.clock)
         self.policy = FakePolicy(self.clock, contract or navigation_contract())
-        self.motors = FakeMotors(lambda: self.safety.verdict.may_move)
+        self.motors = FakeMotors(lambda: self.safety.verdict.state in MOVING)
         self.operator, self.navigator = FakeOperator(), FakeNavigator()
         self.eyes = FakeEyes()
         self.heard, self.also_heard = FakeSubscriber(), FakeSubscriber()
@@ -487,7 +486,7 @@ def test_the_real_watchdog_stops_a_hanging_loop() -> None:
     clock = MonotonicClock()
     safety = Safety(clock.now, SafetyLimits(frame_age_s=9.0))
     fake = FakeClock()
-    camera, motors = FakeCamera(fake), FakeMotors(lambda: safety.verdict.may_move)
+    camera, motors = FakeCamera(fake), FakeMotors(lambda: safety.verdict.state in MOVING)
     runtime = Runtime(camera, FakePolicy(fake), motors, safety, clock)
 
     def step() -> None:

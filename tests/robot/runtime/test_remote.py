@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from robot.errors import DuckpilotError
-from robot.geometry import WheelSpeeds
+from robot.geometry import STILL, WheelSpeeds
 from robot.link.messages import KINDS, Command, FrameMessage, Mission, Telemetry
 from robot.runtime.remote import RemoteOperator
 from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Answer, State
 from robot.safety.state_machine import Command as Request
-from robot.safety.wheel_limits import STILL
 from tests.robot.navigation.test_navigator import GOAL, World, driving
 from tests.robot.navigation.test_sight_fix import seeing
 from tests.robot.runtime.test_loop import FAULTS, Bench, heal

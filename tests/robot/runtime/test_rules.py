@@ -8,7 +8,7 @@ import pytest
 
 from robot.contract import ACTION_WHEELS, Action
 from robot.errors import ContractError
-from robot.geometry import WheelSpeeds
+from robot.geometry import STILL, WheelSpeeds
 from robot.link.messages import Telemetry
 from robot.recording.topics import Turn
 from robot.runtime.reports import Reporter
@@ -16,7 +16,6 @@ from robot.safety.gates import SafetyLimits
 from robot.safety.governors import Cap, Road, Rules
 from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import Command, State
-from robot.safety.wheel_limits import STILL
 from robot.typed_config import from_plain
 from tests.robot.runtime.test_loop import Bench
 

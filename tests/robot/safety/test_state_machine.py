@@ -83,7 +83,7 @@ def test_boots_disarmed_and_stays_so() -> None:
     assert safety.verdict.state is State.DISARMED
     for _ in range(100):
         clock.now_s += 0.1
-        assert not safety.check(GOOD).may_move
+        assert safety.check(GOOD).state not in MOVING
 
 
 def test_nothing_arms_before_the_loop_has_run() -> None:
@@ -111,7 +111,7 @@ def test_stop_and_disarm_end_motion_from_everywhere(state: State) -> None:
     for command in ALWAYS_TAKEN:
         safety, _ = reached(state)
         assert safety.command(command).accepted
-        assert not safety.verdict.may_move
+        assert safety.verdict.state not in MOVING
 
 
 @pytest.mark.parametrize(("reason", "inputs"), CASES)
@@ -284,17 +284,17 @@ class AnyDrive(RuleBasedStateMachine):
         before = self.safety.verdict
         for _ in range(600):
             self.clock.now_s += 0.1
-            assert not self.safety.check(GOOD).may_move
+            assert self.safety.check(GOOD).state not in MOVING
         self.inputs, self.looked_s = GOOD, self.clock.now_s
         assert self.safety.verdict == before
 
     @invariant()
     def motion_is_a_persons_wish(self) -> None:
         state = self.safety.verdict.state
-        assert self.safety.verdict.may_move == (state in MOVING)
+        assert (self.safety.verdict.state in MOVING) == (state in MOVING)
         if state in WATCHED:
             assert self.armed
-        assert not self.safety.verdict.may_move or self.told_to_move
+        assert self.safety.verdict.state not in MOVING or self.told_to_move
 
 
 TestAnyDrive = AnyDrive.TestCase

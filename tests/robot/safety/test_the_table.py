@@ -12,7 +12,7 @@ from typing import Dict, List, Tuple
 import pytest
 
 from robot.safety.gates import Inputs, Reason, SafetyLimits
-from robot.safety.state_machine import Command, Safety, State
+from robot.safety.state_machine import MOVING, Command, Safety, State
 from tests.robot.clocks import FakeClock
 
 # Columns: arm, auto, manual, stop, disarm, clear. "-": refused, the state stays; "=": accepted, it
@@ -130,7 +130,7 @@ def test_every_command_in_every_state(state: str, command: str) -> None:
     answer = safety.command(Command(command))
     assert answer.accepted is (leads != "-")
     assert safety.verdict.state.value == (state if leads in "-=" else leads)
-    assert safety.verdict.may_move is (safety.verdict.state.value in ("AUTO", "MANUAL"))
+    assert (safety.verdict.state in MOVING) is (safety.verdict.state.value in ("AUTO", "MANUAL"))
 
 
 def shut(gate: str, state: str) -> Safety:
@@ -161,7 +161,7 @@ def test_after_every_trouble_only_arming_leads_on(state: str, gate: str, command
     safety = shut(gate, state)
     safety.check(GOOD)
     assert not safety.command(Command(command)).accepted
-    assert not safety.verdict.may_move
+    assert safety.verdict.state not in MOVING
 
 
 @pytest.mark.parametrize("gate", GATES)

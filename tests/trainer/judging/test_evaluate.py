@@ -119,10 +119,10 @@ def test_few_episodes_cost_few_robots_and_few_worlds(
     model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     painted, seen = [], []
-    paint, act = episodes.paint_world, OnnxPolicy.act
-    monkeypatch.setattr(episodes, "paint_world", lambda *a: painted.append(a[0].name) or paint(*a))
-    monkeypatch.setattr(OnnxPolicy, "act", lambda *a: seen.append(len(a[1])) or act(*a))
     policy, looks = OnnxPolicy(model), load_look_sampler("randomised")
+    paint, values = episodes.paint_world, OnnxPolicy.values
+    monkeypatch.setattr(episodes, "paint_world", lambda *a: painted.append(a[0].name) or paint(*a))
+    monkeypatch.setattr(OnnxPolicy, "values", lambda *a: seen.append(len(a[1])) or values(*a))
     drives = evaluate(policy, "lane", [load_map("loop")], looks, range(1000, 1004))
     assert painted == ["loop"]
     decisions = sum(round(d.metrics.survival_time_s / 0.1) for d in drives)
@@ -252,9 +252,9 @@ def test_a_zeroed_input_is_zero_and_the_other_is_not(navigator: Path) -> None:
     class Watched:
         contract = policy.contract
 
-        def act(self, pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
+        def values(self, pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
             seen.append((bool(pictures.any()), bool(path.any())))
-            return policy.act(pictures, path)
+            return policy.values(pictures, path)
 
     arena = [load_map("arena")]
     for zero in (None, "image", "path"):
@@ -280,9 +280,9 @@ def test_junctions_may_be_blank(navigator: Path) -> None:
     class Watched:
         contract = policy.contract
 
-        def act(self, pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
+        def values(self, pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
             seen.append((bool(pictures.any()), bool(path.any())))
-            return np.array([Action.STRAIGHT])  # on into a junction
+            return np.eye(5)[[Action.STRAIGHT]]  # on into a junction
 
     evaluate(Watched(), *asked)
     assert set(seen) == {(True, True), (False, True)}

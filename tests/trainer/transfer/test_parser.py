@@ -64,7 +64,7 @@ def test_a_stripe_is_learned_and_a_parser_survives_its_file(tmp_path: Path) -> N
         parser.parse(frames[:, :8])
     parser.export("here", tmp_path / "parser.onnx")
     translator = OnnxTranslator(tmp_path / "parser.onnx")
-    assert translator.image == ImageSpec(WIDTH, HEIGHT)
+    assert translator.contract.image == ImageSpec(WIDTH, HEIGHT)
     assert translator.contract.direction == PARSING
     for few in (frames[:1], frames):
         np.testing.assert_array_equal(translator(few), ROAD.paint(parser.parse(few)))

@@ -124,7 +124,7 @@ def test_the_command_leaves_a_translator(
     command = ["parse", "translate", "--out", str(out), *inputs, "--steps", "1"]
     assert main(command) == 0
     translator = OnnxTranslator(out / "sim_to_real.onnx")
-    assert (translator.contract.method, translator.image) == ("pix2pix", image)
+    assert (translator.contract.method, translator.contract.image) == ("pix2pix", image)
     made = translator(np.zeros((3, *image.shape), np.uint8))
     assert made.shape == (3, *image.shape)
     assert (out / "sheet.png").exists()
