@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot.errors import expect_between
+from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_folder, write_json
 from robot.typed_config import read_json, read_yaml
-from tools.loop.cli import NAVIGATOR
 from trainer.cli import Command, run
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 FILE = Path(__file__).with_name("demo.yaml")
+NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
 COMMAND = Command("tools.demo:demo_command", "train, export, judge and drive, in minutes")
 main = partial(run, COMMAND, prog="python -m tools.demo")
 
