@@ -4,7 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -126,16 +126,15 @@ class Watch(BaseCallback):
         state, wanted = self.state, self._config.evaluation
         seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
         frames: list[np.ndarray] = []
-        driven = drive_greedily(self._choose, self._env, seed, wanted.rounds, frames.append)
-        rewards, steps, success, distance_m = (float(part.mean()) for part in driven)
-        took = time.monotonic() - began
+        result = drive_greedily(self._choose, self._env, seed, wanted.rounds, frames.append)
+        took, distance_m = time.monotonic() - began, float(result.distance_m.mean())
         state.evaluation_seconds += took
         evaluated = Evaluated(
             self.steps,
             state.seconds + took,
-            success,
-            rewards,
-            steps,
+            float(result.success.mean()),
+            float(result.rewards.mean()),
+            float(result.steps.mean()),
             state.cpu_seconds + time.process_time() - cpu_began,
             None if np.isnan(distance_m) else distance_m,
         )
@@ -193,17 +192,24 @@ class Watch(BaseCallback):
         return not state.stopped_by
 
 
+class GreedyResult(NamedTuple):
+    """The first R episodes of each of N robots."""
+
+    rewards: np.ndarray  # (R, N) summed over the episode
+    steps: np.ndarray  # (R, N) decisions
+    success: np.ndarray  # (R, N) 1 or 0
+    distance_m: np.ndarray  # (R, N) from the path, mean of an episode; NaN where nothing tells it
+
+
 def drive_greedily(
     choose: Callable[[Any], np.ndarray],
     env: VecEnv,
     seed: int,
     rounds: int = 1,
     watch: Callable[[np.ndarray], None] | None = None,
-) -> np.ndarray:
+) -> GreedyResult:
     """Reset ``env`` with ``seed`` and drive until every robot has ended so many episodes.
 
-    (4, rounds, N) of each: reward, decisions, success (1 or 0), mean distance from the path [m],
-    which is NaN where nothing tells it.
     ``choose`` gives the actions (N,) of what N robots see.
     ``watch`` is shown what the first robot sees, (H, W, 3) uint8, in its first episode.
     """
@@ -220,4 +226,4 @@ def drive_greedily(
             if len(ends[k]) < rounds:  # others are waited for
                 ends[k].append((*told, off_m[k] / told[1]))
             off_m[k] = 0.0
-    return np.ascontiguousarray(np.array(ends, dtype=float).T)
+    return GreedyResult(*np.ascontiguousarray(np.array(ends, dtype=float).T))

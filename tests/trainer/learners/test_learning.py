@@ -199,6 +199,7 @@ def test_rounds_are_the_first_episodes_of_each_robot(tmp_path: Path) -> None:
         drive_greedily(network.actions, make_toy(config, 4, 0), seed=5, rounds=rounds)
         for rounds in (1, 3)
     )
-    assert thrice.shape == (4, 3, 4)
-    assert np.all(thrice[1] == EPISODE_STEPS)
-    np.testing.assert_array_equal(thrice[:, :1], once)
+    assert thrice.rewards.shape == (3, 4)
+    assert np.all(thrice.steps == EPISODE_STEPS)
+    for first, all_of_them in zip(once, thrice, strict=True):
+        np.testing.assert_array_equal(all_of_them[:1], first)
