@@ -291,7 +291,7 @@ class AnyDrive(RuleBasedStateMachine):
     @invariant()
     def motion_is_a_persons_wish(self) -> None:
         state = self.safety.verdict.state
-        assert (self.safety.verdict.state in MOVING) == (state in MOVING)
+        assert (self.safety.verdict.state in MOVING) == (state.value in ("AUTO", "MANUAL"))
         if state in WATCHED:
             assert self.armed
         assert self.safety.verdict.state not in MOVING or self.told_to_move
