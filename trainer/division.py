@@ -39,7 +39,7 @@ class Division:
     maps: Parts
     looks: Parts
     pictures: Parts  # photographs and recorded drives that people took; none comes with this
-    sites: Parts  # of annotated photographs, tests/trainer/photographs.yaml
+    sites: Parts  # of annotated photographs, trainer/sight/photographs.yaml
     outside: tuple[str, ...]  # judging maps that do not come with this: NAME FINGERPRINT
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Neighbours
-from robot.navigation.sight_fix import LINE, ROAD
+from robot.navigation.sight_fix import LINE
 from robot.parts import Guidance
 from robot.safety.governors import NOSE_M
 from robot.safety.road_ahead import AtJunction, Junction, RoadAhead
@@ -82,7 +82,7 @@ class RoadWatch:
 
     def saw(self, seen: Seen, driven_m: float, now_s: float) -> None:
         """What sight sees in a new picture, after so much driven by the wheels' steps."""
-        lined = seen.line[0] > LINE and seen.road[0] > ROAD
+        lined = seen.line[0] > LINE and seen.in_lane[0]
         self._line_seen_m = driven_m + float(seen.figures[0, 3]) if lined else math.nan
         if self._way is not None:
             self._way.see(seen, driven_m, now_s)

@@ -22,7 +22,6 @@ _DELAY_SHARE = 0.5  # of the angle turned since, by which the heading may be off
 KEPT = 0.6  # of an error, from one picture to the next
 _WIDER = (1.0 + KEPT) / (1.0 - KEPT)
 _LEAST = np.array((0.005, 0.03, 0.3, 0.01))  # standard deviations of maps, paint and wheels
-ROAD = 0.5  # probability below which a picture says nothing
 LINE = 0.5
 _LINE_M = (0.1, 0.6)  # from the axle, where red lines are told apart
 _ASKEW_RAD = 0.6  # in a junction, beyond which the lane meant may be another one's
@@ -42,7 +41,7 @@ class SightFix:
         Gives how far from the map's lane that is, as `PoseFusion.correct`.
         """
         captured_s = np.full(len(fresh), now_s - USUAL_DELAY_S)
-        sure = fresh & (seen.road > ROAD)
+        sure = fresh & seen.in_lane
         far = self.fusion.correct(lambda *told: self._lane(seen, sure, *told), captured_s)
         self.took_s = np.where(far < self.fusion.config.gate, now_s, self.took_s)
         lined = sure & (seen.line > LINE)

@@ -20,7 +20,7 @@ from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneAhead, LaneView
 from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import LaneGraph, path_on
-from robot.navigation.sight_fix import ROAD, SightFix
+from robot.navigation.sight_fix import SightFix
 from robot.vision.sight import Seen
 
 _APART_M = 0.2  # between hypotheses on a lane, at first
@@ -144,7 +144,7 @@ class Whereabouts:
 
     def see(self, seen: Seen, now_s: float) -> Tuple[Place, ...]:
         """Take what a new picture shows (N = 1); the place, once one is left."""
-        if seen.road[0] <= ROAD:
+        if not seen.in_lane[0]:
             return ()
         stands = self._driven_m - self._looked_m < _STEP_M
         turn = self._alive & ((np.cumsum(self._alive) - 1) // _AT_ONCE == self._turn) & (not stands)

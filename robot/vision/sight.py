@@ -24,6 +24,7 @@ FIGURES = ("offset_m", "heading_rad", "curvature_pm", "line_m", "free_m")
 DEVIATIONS = tuple(f"sd_{name}" for name in FIGURES)
 JUNCTIONS = tuple(f"junction_{kind}" for kind in KINDS)
 COLUMNS = (*FIGURES, *DEVIATIONS, "line", "road", "thing", *JUNCTIONS)
+LANE_M = 0.17  # to the left of the middle of a lane; the oncoming one's is at 0.23
 REMEDY = "make one with duckpilot train-sight"
 
 
@@ -33,9 +34,15 @@ class Seen(NamedTuple):
     figures: np.ndarray  # (N, 5), as `FIGURES`
     deviations: np.ndarray  # (N, 5) their standard deviations
     line: np.ndarray  # (N,) probability that a red line lies 12 to 45 cm before the axle
-    road: np.ndarray  # (N,) probability that the robot looks along a lane that it stands in
+    road: np.ndarray  # (N,) probability that the robot looks along its lane, or the oncoming one
     junction: np.ndarray  # (N, 5) probability of each of `robot.navigation.lane_view.KINDS` ahead
     thing: np.ndarray  # (N,) probability of something on the own lane within 50 cm of the nose
+
+    @property
+    def in_lane(self) -> np.ndarray:
+        """(N,) whether the robot rather stands in its lane; in the oncoming one, which a robot that
+        was turned round sees as well, it must not trust its place."""
+        return np.asarray((self.road > 0.5) & (self.figures[:, 0] <= LANE_M))
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,10 @@
 
 What policies choose there, and where lines are seen.
 
-``photographs.yaml`` holds file names, letters for actions and points of lines; the photographs lie
-elsewhere; docs/photographs.md has the rule. Where a line lies on the floor depends on lens and
-mounting, which nobody measured: the nominal ones are assumed (three calibrated robots are within
-3 % of them).
+``trainer/sight/photographs.yaml`` holds file names, letters for actions and points of lines; the
+photographs lie elsewhere; docs/photographs.md has the rule. Where a line lies on the floor depends
+on lens and mounting, which nobody measured: the nominal ones are assumed (three calibrated robots
+are within 3 % of them).
 """
 
 from __future__ import annotations
@@ -14,23 +14,18 @@ import argparse
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from robot.camera.files import read_picture
-from robot.camera.source import fit_to_frame
 from robot.command_line import OneLineParser, answer
 from robot.contract import FIVE_ACTIONS, FRAME_HEIGHT_PX, FRAME_WIDTH_PX
-from robot.errors import ConfigError
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, values_of
 from robot.inference.preprocess import preprocess
 from robot.lens import CameraRig
 from robot.output import expect_writable, write_json
-from robot.typed_config import load_yaml
 from robot.vision.sight import OnnxSight
 from sim_pybullet.look import NOMINAL
 from tests.trainer.judging.yellow_line import (
@@ -43,8 +38,16 @@ from tests.trainer.judging.yellow_line import (
     floor_table,
 )
 from trainer.division import division
+from trainer.sight.photographs import (
+    WHITE_M,
+    YELLOW_M,
+    Polyline,
+    annotations_of,
+    dense,
+    frames_of,
+    on_floor,
+)
 
-FILE = Path(__file__).with_name("photographs.yaml")
 SEERS = tuple(
     SHIPPED_MODELS / f"{name}.onnx"
     for name in (
@@ -58,65 +61,12 @@ _SPACING_M = 0.075  # a dash and a gap of Duckietown's yellow tape
 SURELY_NEAR_M, SURELY_FAR_M = 0.9 * RANGE_M, 1.1 * RANGE_M
 TOO_CLOSE_M = 0.01  # to the line: no side can be told
 
-Polyline = tuple[tuple[float, float], ...]
-
-
-@dataclass(frozen=True)
-class Annotated:
-    """One photograph."""
-
-    file: str
-    actions: str = ""  # of each action s(ensible), a(rguable) or w(rong); none: nobody can tell
-    yellow: tuple[Polyline, ...] = ()  # every yellow line, from near to far [px]
-    white: Polyline = ()  # the line to the right of the robot's lane [px]
-
-
-@dataclass(frozen=True)
-class Site:
-    """Photographs of one place."""
-
-    name: str
-    folder: str
-    photographs: tuple[Annotated, ...]
-
-
-@dataclass(frozen=True)
-class Annotations:
-    """``photographs.yaml``."""
-
-    size: tuple[int, int]  # width, height that the points count in
-    sites: tuple[Site, ...]
-
 
 class DrawnLine(NamedTuple):
     """A drawn line on the floor, robot frame."""
 
     nearest_m: float  # its point nearest to the axle
     line: YellowLine
-
-
-def load_annotations() -> Annotations:
-    """Those that come with the project."""
-    return load_yaml(Annotations, FILE)
-
-
-def frames_of(site: Site, photographs: Path) -> Iterator[tuple[Annotated, np.ndarray]]:
-    """Each annotated photograph with its frame (120, 160, 3) uint8 RGB.
-
-    ``photographs``: the folder that holds the sites' folders. ConfigError if one is missing.
-    """
-    for drawn in site.photographs:
-        path = photographs / site.folder / "images" / drawn.file
-        if not path.is_file():
-            raise ConfigError(f"{path}: expected an annotated photograph, found none")
-        yield drawn, fit_to_frame(read_picture(path))
-
-
-def on_floor(points: Polyline, size: tuple[int, int], rig: CameraRig) -> np.ndarray:
-    """(M, 2) [m], robot frame: where drawn points lie; those above the horizon are left out."""
-    scaled = CameraRig(rig.lens.scaled(*size), rig.mount)
-    floor = scaled.to_floor(np.asarray(points, dtype=float) - 0.5)
-    return np.asarray(floor[np.isfinite(floor).all(axis=1)])
 
 
 def drawn_line(
@@ -131,10 +81,8 @@ def drawn_line(
     floor = on_floor(points, size, rig)
     if len(floor) < 2:
         return None
-    arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(floor, axis=0).T))))
-    ways = np.arange(0.0, arc[-1], _SPACING_M)
-    dense = np.stack([np.interp(ways, arc, floor[:, k]) for k in (0, 1)], axis=1)
-    near = dense[np.hypot(*dense.T) < RANGE_M][:DASHES]
+    points_m = dense(floor, _SPACING_M)
+    near = points_m[np.hypot(*points_m.T) < RANGE_M][:DASHES]
     chosen = near if len(near) > 1 else floor[:2]
     step = chosen[1] - chosen[0]
     direction = math.atan(step[1] / step[0]) if step[0] else math.pi / 2
@@ -159,7 +107,6 @@ def agrees(found: YellowLine, drawn: Sequence[DrawnLine]) -> bool | None:
 
 RIG = NOMINAL.rig()
 REFERENCE_M = floor_table(RIG, FRAME_WIDTH_PX, FRAME_HEIGHT_PX).reference_m
-YELLOW_M, WHITE_M = 0.2 * 0.585, -0.232 * 0.585  # to the left of the middle of a lane
 AHEAD_M = 0.3  # where pursuit aims; of 12 to 35 cm the best on the sites to choose by, as is 4
 BORDERS_PM = (4.0, 1.5, -1.5, -4.0)  # curvatures of arcs between which the five actions lie
 WITHIN_M = 0.06  # half a lane's half: a line found there is found right
@@ -243,7 +190,7 @@ def seers(models: Iterable[Path]) -> dict[str, Seer]:
 
 def judge(see: Seer, photographs: Path, part: str) -> list[Judged]:
     """Ask about every photograph of the sites of one part; ConfigError if one is missing."""
-    annotations, judged = load_annotations(), []
+    annotations, judged = annotations_of(photographs), []
     names = getattr(division().sites, part)
     for site in (each for each in annotations.sites if each.name in names):
         for drawn, frame in frames_of(site, photographs):
@@ -341,7 +288,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("photographs", type=Path, help="the folder of the sites' folders")
     told = "policies, and sight by its name, .onnx; else the shipped ones"
     parser.add_argument("--models", type=Path, nargs="+", default=SEERS, help=told)
-    parser.add_argument("--part", choices=("choosing", "judging"), default="judging")
+    parser.add_argument("--part", choices=("training", "judging"), default="judging")
     parser.add_argument("--json", type=Path, help="write the figures, site by site")
     options = parser.parse_args(arguments)
     return answer("judge_photographs", lambda: judge_all(options))

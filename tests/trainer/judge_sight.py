@@ -28,6 +28,7 @@ from trainer.sight.pictures import (
     CROSSING,
     DRIVEN_M,
     FREE,
+    IN_LANE_M,
     KIND,
     LINE,
     NEW,
@@ -68,6 +69,7 @@ class Judgement:
     heading_rad: Error
     curvature_pm: Error
     line_m: Error  # of lines that were found, 12 to 40 cm before the axle
+    oncoming_offset_m: Error  # in the oncoming lane, of who stands and looks anywhere
     crossing_offset_m: Error  # in junctions
     crossing_heading_rad: Error
     line_found: float  # of the pictures with a line 12 to 40 cm before the axle
@@ -99,6 +101,8 @@ def judge(
     """Compare what is seen by experts that drive, from anywhere, and among others, with the map."""
     labels, seen = driven.labels, see(sight, driven.images)
     lane, crossing = (labels[:, CROSSING] == value for value in (0.0, 1.0))
+    lane &= labels[:, 0] <= IN_LANE_M
+    strayed = elsewhere.labels[:, 0] > IN_LANE_M
     told = seen.line > SURE
     near = (labels[:, LINE] == 1.0) & (labels[:, 3] <= NEAR_M)
     asked = labels[:, KIND] >= 0.0
@@ -116,6 +120,7 @@ def judge(
         heading_rad=heading,
         curvature_pm=curvature,
         line_m=_error(seen, labels, 3, near & told),
+        oncoming_offset_m=_error(see(sight, elsewhere.images), elsewhere.labels, 0, strayed),
         crossing_offset_m=aside,
         crossing_heading_rad=askew,
         line_found=float(told[near].mean()),
@@ -204,6 +209,7 @@ def _row(each: Judgement) -> dict[str, str]:
         "pictures": str(each.pictures),
         "offset rms (ratio, outliers)": f"{100 * each.offset_m.rms:.1f} cm {_of(each.offset_m)}",
         "heading": f"{np.degrees(turned.rms):.1f}° {_of(turned)}",
+        "in the oncoming lane": f"{100 * each.oncoming_offset_m.rms:.1f} cm",
         "in junctions": f"{100 * aside.rms:.1f} cm, {np.degrees(askew.rms):.1f}°",
         "red line: error": f"{100 * line.rms:.1f} cm {_of(line)}",
         "found": f"{each.line_found:.1%}",

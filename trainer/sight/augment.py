@@ -13,12 +13,17 @@ _SPOILED, _RELIT, _TINGED, _GLINTING, _FRONTED = 0.12, 0.5, 0.15, 0.2, 0.25  # s
 _TINGE = 0.1  # what light of another colour leaves of one colour, at least
 _FRONT = 0.25  # of the picture's height that the robot's own front hides at most, in the middle
 _HIDDEN_M = 0.2  # nearer red lines may be behind it
+_SHIFT_PX, _STRETCH = (0.8, 3.0), 0.05  # to the side and up; of the size
 
 
-def drawn(pictures: Pictures, count: int, rng: np.random.Generator) -> Pictures:
-    """Images and labels of so many pictures, each changed by chance."""
+def drawn(
+    pictures: Pictures, count: int, rng: np.random.Generator, moved: bool = False
+) -> Pictures:
+    """Images and labels of so many pictures, each changed by chance, ``moved`` ones always."""
     chosen = rng.integers(len(pictures.labels), size=count)
     images, labels = pictures.images[chosen], pictures.labels[chosen].copy()
+    if moved:
+        images = np.stack([shifted(each, rng) for each in images])
     chances = rng.random((count, 5)) < (_RELIT, _TINGED, _GLINTING, _FRONTED, _SPOILED)
     for i, (light, tinge, glint, front, spoil) in enumerate(chances.tolist()):
         if light:
@@ -73,11 +78,14 @@ def fronted(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def spoiled(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A picture (H, W, 3) uint8 that shows no road: mirrored, upside down, covered, or noise."""
-    way = int(rng.integers(5))
-    if way < 3:
-        return np.asarray(cv2.flip(image, (1, 0, -1)[way]))
-    if way == 3:  # a hand before the lens: next to nothing of the picture is left
+    """A picture (H, W, 3) uint8 that shows no road: upside down, covered, or noise.
+
+    One with left and right exchanged shows a road: as from the oncoming lane.
+    """
+    way = int(rng.integers(4))
+    if way < 2:
+        return np.asarray(cv2.flip(image, way - 1))
+    if way == 2:  # a hand before the lens: next to nothing of the picture is left
         blurred = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(12, 30))).astype(np.float32)
         dark = blurred * rng.uniform(0.02, 0.6) + rng.normal(0, rng.uniform(0, 8), image.shape)
         return np.clip(dark, 0, 255).astype(np.uint8)
@@ -85,3 +93,12 @@ def spoiled(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     if rng.random() < 0.5:
         grain = 3.0 * cv2.GaussianBlur(grain, (0, 0), float(rng.uniform(0.5, 4)))
     return np.clip(grain, 0, 255).astype(np.uint8)
+
+
+def shifted(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A picture (H, W, 3) uint8 as by a camera that is mounted a little otherwise."""
+    size = np.array(image.shape[1::-1])
+    zoom = 1.0 + rng.uniform(-_STRETCH, _STRETCH)
+    aside, down = rng.uniform(-1.0, 1.0, 2) * _SHIFT_PX + (1.0 - zoom) * size / 2.0
+    move = np.array(((zoom, 0.0, aside), (0.0, zoom, down)))
+    return cv2.warpAffine(image, move, size.tolist(), borderMode=cv2.BORDER_REPLICATE)

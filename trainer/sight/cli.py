@@ -22,13 +22,16 @@ class SightRun:
     look: tuple[str, ...] = ("randomised", "wide")  # Looks, or folders of them; files take turns.
     seed: int = 0  # Of everything random.
     choosing_files: int = 4  # Of pictures by which uncertainties are scaled.
+    base: str | None = None  # A sight, .onnx, that learns on; else one begins anew.
+    photographs: str | None = None  # Folder of annotated photographs to learn from, too.
 
 
 def train_command(out: Path, options: Annotated[SightRun, tyro.conf.arg(name="")]) -> int:
     """Teach a small network to see lane, red line, junction and whether there is a road.
 
     Learns on the training maps and is calibrated on those for choosing. Called again, it goes on
-    where it was cut off. Leaves sight.onnx and sight_int8.onnx.
+    where it was cut off. Leaves sight.onnx and sight_int8.onnx. Photographs of your own floor, with
+    photographs.yaml beside them, are learned from as docs/photographs.md says.
 
     Args:
         out: folder of the run.

@@ -3,14 +3,16 @@
 from pathlib import Path
 
 import numpy as np
+import onnx
 import torch
+from onnx import numpy_helper
 from torch import nn
 from torch.nn import functional as f
 
 from robot.output import atomically
 from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
 from trainer.export import TOLERANCE, expect_alike, write_onnx
-from trainer.learners.backbone import HALF, Twice, centred
+from trainer.learners.backbone import HALF, Twice, centred, read_backbone
 from trainer.sight import pictures as shown
 from trainer.sight.pictures import FIGURES, IMAGE, Pictures
 
@@ -105,6 +107,17 @@ class SightNetwork(nn.Module):
         """(N, 18) of pictures (N, 40, 80, 3) uint8."""
         parts = np.array_split(images, max(1, len(images) // _AT_ONCE))
         return np.concatenate([self(torch.from_numpy(part)).numpy() for part in parts])
+
+
+def learned(path: Path) -> SightNetwork:
+    """A sight, .onnx, to learn on: batch normalisation is part of its layers. ContractError."""
+    OnnxSight(path)  # refuses what is none
+    network = SightNetwork()
+    network.body = nn.Sequential(*read_backbone(path)).requires_grad_()
+    values = {each.name: each for each in onnx.load(str(path)).graph.initializer}
+    for name, part in network.head.named_parameters():
+        part.data = torch.from_numpy(numpy_helper.to_array(values[f"head.{name}"]).copy())
+    return network
 
 
 def calibrate(network: SightNetwork, pictures: Pictures) -> None:

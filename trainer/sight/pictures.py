@@ -1,7 +1,8 @@
 """Pictures of robots that drive, and what the map says each of them shows.
 
 The expert drives missions and is disturbed now and then, so that it is seen off its lane and
-returning. Besides there are pictures from anywhere, most of which show no lane to drive in.
+returning. Besides there are pictures from anywhere, most of which show no lane to drive in, and
+from beside the lanes: who is in the oncoming one is told how far, and comes back.
 """
 
 import math
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.contract import ImageSpec
-from robot.geometry import Pose
+from robot.geometry import Pose, bezier_points, bezier_tangents
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Other
 from robot.navigation.road_map import RoadMap
@@ -35,12 +36,15 @@ NO_LINE_M = (0.06, 0.6)  # nearer or farther than these there is none
 THING_M, NO_THING_M = 0.5, 0.65  # from the nose: what must be seen, and beyond what nothing need
 START_SPREAD = 4.0
 _DISTURBED = 0.04  # chance of a disturbance in a decision, of 2 to 6 decisions
-_IN_LANE_M = 0.14  # from its middle, at most
+IN_LANE_M = 0.14  # from its middle, at most
 _ELSEWHERE_M = 0.19
-_ALONG_RAD, _ACROSS_RAD = 1.0, 1.4
+_ONCOMING_M = 0.3  # to the left of it, at most: who is there, sees how to come back
+_BEYOND_M = 0.35
+_ALONG_RAD, _ACROSS_RAD = 1.25, 1.5
 _STRAIGHT_ON_RAD = 0.35  # in a junction: who is turned farther has no way ahead that one could see
 _WORLDS = 2  # painted, of each map
-_ANYWHERE = 16  # pictures of each map, from anywhere
+_AT_ONCE = 16  # pictures of each map from anywhere, in one look
+_BY_LANES = 4  # so many times these from lanes and the oncoming ones
 _MARGIN_M = 0.3
 
 
@@ -51,6 +55,21 @@ class Pictures(NamedTuple):
     labels: np.ndarray  # (M, 12) float32; NaN where there is no such figure
 
 
+def is_seen(offset_m: float, heading_rad: float) -> bool:
+    """Whether who is so far to the left of its lane, and turned so far, must see it."""
+    return -IN_LANE_M <= offset_m <= _ONCOMING_M and abs(heading_rad) <= _ALONG_RAD
+
+
+def of_photograph(
+    offset_m: float, heading_rad: float, curvature_pm: float, thing: bool
+) -> np.ndarray:
+    """(12,) what is known of one that shows a lane, and whether something is on it."""
+    found = np.full(_COLUMNS, np.nan, np.float32)
+    found[:3] = offset_m, heading_rad, curvature_pm
+    found[LINE:] = -1.0, 1.0, float(thing), -1.0, 0.0, 0.0, 0.0
+    return found
+
+
 def label(view: LaneView, pose: Sequence[float], others: Sequence[Other] = ()) -> np.ndarray:
     """(12,) what a picture taken at a pose shows: it is new, and nothing was driven before it."""
     found = np.full(_COLUMNS, np.nan, np.float32)
@@ -59,14 +78,17 @@ def label(view: LaneView, pose: Sequence[float], others: Sequence[Other] = ()) -
     if road is None:
         return found
     found[CROSSING] = road.in_junction
-    aside_m, turned_rad = abs(road.offset_m), abs(road.heading_rad)
-    if turned_rad > _ACROSS_RAD or aside_m > _ELSEWHERE_M:
+    turned_rad, left_m = abs(road.heading_rad), road.offset_m
+    most_m = _ELSEWHERE_M if road.in_junction else _BEYOND_M
+    if turned_rad > _ACROSS_RAD or not -_ELSEWHERE_M <= left_m <= most_m:
         return found
     found[[LINE, ROAD]] = -1.0
-    if turned_rad > _ALONG_RAD or (aside_m > _IN_LANE_M and not road.in_junction):
+    if not is_seen(0.0 if road.in_junction else left_m, road.heading_rad):
         return found
     found[ROAD] = 1.0
-    found[:3] = road.offset_m, road.heading_rad, road.curvature_pm
+    found[:3] = left_m, road.heading_rad, road.curvature_pm
+    if left_m > IN_LANE_M and not road.in_junction:
+        return found
     if not road.in_junction or turned_rad < _STRAIGHT_ON_RAD:
         most_m, least_m = clear_m(view, Pose(*pose), others)
         found[THING] = 1.0 if most_m <= THING_M else 0.0 if least_m >= NO_THING_M else -1.0
@@ -117,22 +139,40 @@ def drive(task: Task, looks: Looks, seed: int, decisions: int) -> Pictures:
 
 
 def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
-    """What cameras see that stand and look anywhere on the maps and around them."""
+    """What cameras see that stand and look anywhere on the maps and around them, or by a lane."""
     rng = np.random.default_rng((seed, 2))
     pool = LookPool(maps, looks, rng, 1)
-    camera = RayCamera(IMAGE, _ANYWHERE)
+    camera = RayCamera(IMAGE, _AT_ONCE)
     images, labels = [], []
     for road_map, world in zip(maps, pool.worlds, strict=True):
-        look, view = world.episode_look(rng), LaneView(road_map)
-        for i in range(_ANYWHERE):
-            camera.set_robot(i, world.scene, look.rig())
-        most = road_map.width_m + _MARGIN_M, road_map.height_m + _MARGIN_M, np.pi
-        poses = rng.uniform((-_MARGIN_M, -_MARGIN_M, -np.pi), most, (_ANYWHERE, 3))
-        seen = camera.render(poses)
-        images.append(apply_sensor(seen, [look.sensor] * _ANYWHERE, rng, IMAGE.crop_top_px))
-        others = standing(world.scene.solids)
-        labels += [label(view, pose, others) for pose in poses.tolist()]
+        view, others = LaneView(road_map), standing(world.scene.solids)
+        for k in range(1 + _BY_LANES):
+            look = world.episode_look(rng)
+            for i in range(_AT_ONCE):
+                camera.set_robot(i, world.scene, look.rig())
+            poses = _by_lanes(road_map, rng) if k else _around(road_map, rng)
+            seen = camera.render(poses)
+            images.append(apply_sensor(seen, [look.sensor] * _AT_ONCE, rng, IMAGE.crop_top_px))
+            labels += [label(view, pose, others) for pose in poses.tolist()]
     return Pictures(np.concatenate(images), np.stack(labels))
+
+
+def _around(road_map: RoadMap, rng: np.random.Generator) -> np.ndarray:
+    most = road_map.width_m + _MARGIN_M, road_map.height_m + _MARGIN_M, np.pi
+    return rng.uniform((-_MARGIN_M, -_MARGIN_M, -np.pi), most, (_AT_ONCE, 3))
+
+
+def _by_lanes(road_map: RoadMap, rng: np.random.Generator) -> np.ndarray:
+    """In lanes and in the oncoming ones, turned to any side."""
+    poses = np.empty((_AT_ONCE, 3))
+    for pose in poses:
+        control = road_map.lanes[rng.integers(len(road_map.lanes))].control_points_m
+        place = np.array((rng.random(),))
+        x, y = bezier_tangents(control, place)[0].tolist()
+        left = np.array((-y, x)) / math.hypot(x, y)
+        pose[:2] = bezier_points(control, place)[0] + rng.uniform(-IN_LANE_M, _BEYOND_M) * left
+        pose[2] = math.atan2(y, x) + rng.uniform(-_ALONG_RAD, _ALONG_RAD)
+    return poses
 
 
 def joined(parts: Sequence[Pictures]) -> Pictures:

@@ -21,11 +21,13 @@ from trainer.run import take_up
 from trainer.sight.augment import drawn
 from trainer.sight.bystanders import Bystanders
 from trainer.sight.cli import SightRun
-from trainer.sight.network import SightNetwork, calibrate, export_sight
+from trainer.sight.network import SightNetwork, calibrate, export_sight, learned
+from trainer.sight.photographs import learned_from
 from trainer.sight.pictures import IMAGE, ROBOTS, START_SPREAD, Pictures, anywhere, drive, joined
 
 DECISIONS = 200  # of each file of pictures
-_RATE = 2e-3
+_RATE, _ON_RATE = 2e-3, 5e-4  # of one that begins, and of one that learns on
+_PHOTOGRAPHS = 0.06  # of a step's pictures
 _WARM = 300  # steps over which the rate rises
 _CHECKED = 1_000  # pictures that compare ONNX with torch, and calibrate INT8
 
@@ -36,6 +38,7 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
         refuse_judging_look(look)
     if take_up(SightRun, out, True, lambda: run) != run:
         raise ConfigError(f"{out}: expected the options of the run there; choose another --out")
+    photographs = learned_from(Path(run.photographs)) if run.photographs else None
     maps = division().maps
     training = gathered(out / "training", maps.training, run.look, run.files, run.seed, console)
     looks = division().looks.choosing
@@ -43,10 +46,10 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
         out / "choosing", maps.choosing, looks, run.choosing_files, run.seed + 1, console
     )
     torch.manual_seed(run.seed)
-    network = SightNetwork()
-    optimiser = torch.optim.AdamW(network.parameters(), _RATE)
+    network = learned(Path(run.base)) if run.base else SightNetwork()
+    optimiser = torch.optim.AdamW(network.parameters())
     parts = {"network": network, "optimiser": optimiser}
-    step = lesson(network, optimiser, training, run)
+    step = lesson(network, optimiser, training, run, photographs)
     run_steps(out / "checkpoint.pt", parts, run.steps, run.seed, step, "sight", console)
     calibrate(network, chosen)
     path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]
@@ -84,14 +87,23 @@ def gathered(
 
 
 def lesson(
-    network: SightNetwork, optimiser: torch.optim.Optimizer, pictures: Pictures, run: SightRun
+    network: SightNetwork,
+    optimiser: torch.optim.Optimizer,
+    pictures: Pictures,
+    run: SightRun,
+    photographs: Pictures | None,
 ) -> Callable[[np.random.Generator, int], str]:
     """One step of the training, for `trainer.resumable.run_steps`."""
+    count = round(_PHOTOGRAPHS * run.batch) if photographs else 0
+    most = _ON_RATE if run.base else _RATE
 
     def step(rng: np.random.Generator, number: int) -> str:
-        rate = _RATE * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
+        rate = most * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
         set_rate([optimiser], rate * min(1.0, (number + 1) / _WARM))
-        images, labels = drawn(pictures, run.batch, rng)
+        parts = [drawn(pictures, run.batch - count, rng)]
+        if photographs:
+            parts.append(drawn(photographs, count, rng, moved=True))
+        images, labels = joined(parts)
         loss = network.loss(torch.from_numpy(images), torch.from_numpy(labels))
         return f"loss {descend(optimiser, loss):.3f}"
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.lens import CameraRig
+from robot.typed_config import load_yaml
 from sim_pybullet.look import NOMINAL
 from tests.trainer.judge_photographs import (
     Answer,
@@ -18,13 +19,13 @@ from tests.trainer.judge_photographs import (
     drawn_line,
     figures,
     judge,
-    load_annotations,
     main,
     pursuit,
     seers,
 )
 from tests.trainer.judging.yellow_line import NOT_FOUND, YellowLine, floor_table
 from trainer.division import division
+from trainer.sight.photographs import SHIPPED, Annotations
 
 SIZE = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 RIG = NOMINAL.rig()
@@ -77,9 +78,9 @@ def test_what_is_said_of_a_detection(
 
 
 def test_annotations_are_many_lie_in_their_pictures_and_every_site_belongs_to_one_part() -> None:
-    annotations = load_annotations()
+    annotations = load_yaml(Annotations, SHIPPED)
     sites = division().sites
-    assert sorted(site.name for site in annotations.sites) == sorted(sites.choosing + sites.judging)
+    assert sorted(site.name for site in annotations.sites) == sorted(sites.training + sites.judging)
     photographs = [each for site in annotations.sites for each in site.photographs]
     assert len({each.file for each in photographs}) == len(photographs)
     assert sum(bool(each.actions) for each in photographs) >= 250
@@ -98,7 +99,7 @@ def test_annotations_are_many_lie_in_their_pictures_and_every_site_belongs_to_on
 
 def test_person_and_detector_say_the_same_on_nearly_nine_photographs_of_ten(data_dir: Path) -> None:
     """And on three of four at every site by which it may be chosen."""
-    judged = judge(seers(())["yellow-line detector"], data_dir / "real", "choosing")
+    judged = judge(seers(())["yellow-line detector"], data_dir / "real", "training")
     found = figures(judged)
     assert found["yellow_side_asked"] >= 100
     assert found["yellow_side"] >= 0.88
@@ -137,7 +138,7 @@ def test_shares_the_worst_site_and_the_surest_half() -> None:
 @pytest.fixture
 def black(tmp_path: Path) -> Path:
     """Every annotated photograph, all of them black."""
-    for site in load_annotations().sites:
+    for site in load_yaml(Annotations, SHIPPED).sites:
         folder = tmp_path / site.folder / "images"
         folder.mkdir(parents=True, exist_ok=True)
         for each in site.photographs:
@@ -146,7 +147,7 @@ def black(tmp_path: Path) -> Path:
 
 
 def test_each_answer_is_compared_with_what_the_person_wrote_down(black: Path) -> None:
-    annotations = load_annotations()
+    annotations = load_yaml(Annotations, SHIPPED)
     sites = [site for site in annotations.sites if site.name in division().sites.judging]
     drawn = iter([each for site in sites for each in site.photographs])
     reference_m = floor_table(RIG, *SIZE).reference_m
@@ -179,7 +180,7 @@ def test_the_command_writes_figures_site_by_site_and_refuses_what_is_not_there(
     assert {"nav_ppo", "sight", "yellow-line detector", "always straight"} <= set(judged)
     assert set(judged["sight"]["sites"]) == set(division().sites.judging)
     with pytest.raises(SystemExit, match="2"):
-        main([str(black), "--part", "training"])
+        main([str(black), "--part", "choosing"])
     assert main([str(tmp_path / "none")]) == 2
     assert "expected an annotated photograph, found none" in capsys.readouterr().err
 

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,6 +9,7 @@ import torch
 from rich.console import Console
 
 from robot.errors import ConfigError, ContractError
+from robot.geometry import bezier_points
 from robot.navigation.lane_view import KINDS, LaneView
 from robot.navigation.road_map import load_map
 from robot.vision.sight import COLUMNS, OnnxSight, Seen, SightContract, as_seen
@@ -17,7 +19,7 @@ from tests.trainer import judge_sight
 from trainer.cli import main
 from trainer.sight.cli import SHIPPED, SightRun
 from trainer.sight.draw import drawn
-from trainer.sight.network import SightNetwork, calibrate, export_sight
+from trainer.sight.network import SightNetwork, calibrate, export_sight, learned
 from trainer.sight.pictures import (
     CROSSING,
     DRIVEN_M,
@@ -29,6 +31,7 @@ from trainer.sight.pictures import (
     ROAD,
     ROBOTS,
     START_SPREAD,
+    THING,
     Pictures,
     anywhere,
     drive,
@@ -64,7 +67,8 @@ def test_labels_are_those_of_the_map_where_the_picture_was_taken(driven: Picture
     assert (labels[:, NEW] == 1.0).all(), "no picture of this look comes twice"
     assert 0.05 < labels[:, DRIVEN_M].sum() / ROBOTS < 0.03 * 40 * 1.1
     lane = (labels[:, CROSSING] == 0.0) & (labels[:, ROAD] == 1.0)
-    assert np.abs(labels[lane, 0]).max() <= 0.14
+    assert labels[lane, 0].min() >= -0.14
+    assert labels[lane, 0].max() <= 0.3
     lined = labels[:, LINE] == 1.0
     assert ((labels[lined, 3] >= 0.12) & (labels[lined, 3] <= 0.45)).all()
     assert (labels[lined, KIND] >= 1.0).all()
@@ -76,14 +80,30 @@ def test_the_same_seed_gives_the_same_pictures(driven: Pictures) -> None:
     np.testing.assert_array_equal(again.images, driven.images[: 5 * ROBOTS])
 
 
-def test_who_looks_against_the_traffic_or_stands_beside_the_road_sees_none() -> None:
+def test_who_looks_against_the_traffic_sees_the_oncoming_lane_and_beside_the_road_none() -> None:
     lane = TOWN.lanes[0].control_points_m
     x, y = lane[0].tolist()
     heading = float(np.arctan2(*(lane[1] - lane[0])[::-1]))
     view = LaneView(TOWN)
     assert label(view, (x, y, heading))[ROAD] == 1.0
-    assert label(view, (x, y, heading + np.pi))[ROAD] == 0.0
+    turned = label(view, (x, y, heading + np.pi))
+    assert turned[[0, ROAD]].tolist() == pytest.approx([0.234, 1.0], abs=1e-3)
     assert label(view, (-1.0, -1.0, 0.0))[ROAD] == 0.0
+
+
+def test_who_is_in_the_oncoming_lane_is_told_how_far_and_nothing_of_its_own_lane() -> None:
+    control, view = TOWN.lanes[0].control_points_m, LaneView(TOWN)
+    ahead = (control[3] - control[0]) / np.hypot(*(control[3] - control[0]))
+    middle, left = bezier_points(control, np.array((0.5,)))[0], np.array((-ahead[1], ahead[0]))
+    heading_rad = float(np.arctan2(ahead[1], ahead[0]))
+    for offset_m, road in ((0.0, 1.0), (0.23, 1.0), (0.32, -1.0), (0.37, 0.0), (-0.16, -1.0)):
+        found = label(view, (*(middle + offset_m * left).tolist(), heading_rad))
+        assert found[ROAD] == road, offset_m
+        if road == 1.0:
+            assert found[0] == pytest.approx(offset_m, abs=1e-3)
+        if offset_m == 0.23:
+            assert np.isnan(found[3:FIGURES]).all()
+            assert (found[[LINE, THING, KIND]] == -1.0).all()
 
 
 def test_some_pictures_from_anywhere_show_no_road(elsewhere: Pictures) -> None:
@@ -105,7 +125,7 @@ def test_it_learns_and_its_uncertainty_is_scaled_to_its_errors(driven: Pictures)
     optimiser = torch.optim.AdamW(network.parameters(), 1e-3)
     run = SightRun(steps=60, batch=48)
     torch.set_num_threads(1)
-    step = lesson(network, optimiser, driven, run)
+    step = lesson(network, optimiser, driven, run, None)
     told = [float(step(np.random.default_rng(k), k).split()[-1]) for k in range(60)]
     assert np.mean(told[-10:]) < np.mean(told[:10]) - 1.0
     calibrate(network, driven)
@@ -125,6 +145,14 @@ def test_the_file_holds_its_contract_and_answers_in_columns(untaught: Path) -> N
     assert len(COLUMNS) == 2 * FIGURES + 3 + len(KINDS)
     with pytest.raises(ContractError, match="expected"):
         sight(np.zeros((1, 60, 80, 3), np.uint8))
+
+
+def test_who_learns_on_begins_with_what_the_file_sees(driven: Pictures) -> None:
+    network, there = learned(SHIPPED), OnnxSight(SHIPPED)(driven.images[:8])
+    found = as_seen(network.see(driven.images[:8]))
+    np.testing.assert_allclose(found.figures, there.figures, atol=2e-3)
+    np.testing.assert_allclose(found.road, there.road, atol=2e-3)
+    assert all(part.requires_grad for part in network.parameters())
 
 
 def test_a_policy_is_no_sight() -> None:
@@ -160,6 +188,9 @@ def test_a_run_that_was_cut_off_goes_on_and_another_is_refused(tmp_path: Path) -
         path.unlink()
         assert train.train_sight(out, run, Console(quiet=True)).read_bytes() == first
         assert (out / "training" / "000.npz").stat().st_mtime_ns == kept
+        further = replace(run, base=str(path), steps=1)
+        onward = train.train_sight(tmp_path / "onward", further, Console(quiet=True))
+        assert OnnxSight(onward).contract.trained_steps == 1
         with pytest.raises(ConfigError, match="another --out"):
             train.train_sight(out, SightRun(steps=5), Console(quiet=True))
     finally:
