@@ -45,6 +45,12 @@ class GroundLook:
     # The second shares no code with the first: floors to judge policies on, see `docs/looks.md`.
     painter: Literal["tiles", "strips"] = "tiles"
 
+    @property
+    def beyond_rgb(self) -> Rgb:
+        """``outside_rgb``, as bright as the rest."""
+        red, green, blue = (min(255.0, self.brightness * value) for value in self.outside_rgb)
+        return red, green, blue
+
 
 @dataclass(frozen=True)
 class TrackLook:

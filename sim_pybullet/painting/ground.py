@@ -16,7 +16,7 @@ from numba import njit, prange
 
 from robot.geometry import bezier_points
 from robot.navigation.road_map import ROAD_SIDES, RoadMap, Tile, tile_lanes
-from sim_pybullet.look import GroundLook, Rgb
+from sim_pybullet.look import GroundLook
 from sim_pybullet.painting.shadows import cast_shadows
 from sim_pybullet.painting.strip_ground import paint_strips
 from sim_pybullet.scene import Ground, SemanticClass
@@ -66,13 +66,7 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
         classes[paints[..., plane] >= 128] = line
     classes = classes[index].swapaxes(1, 2).reshape(rgb.shape[:2])
     north_m, texel_m = len(road_map.tiles) * road_map.tile_size_m, road_map.tile_size_m / size
-    return Ground(rgb, classes, texel_m, 0.0, north_m, outside_rgb(look))
-
-
-def outside_rgb(look: GroundLook) -> Rgb:
-    """Of the floor beyond the picture, as bright as the rest."""
-    red, green, blue = (min(255.0, look.brightness * value) for value in look.outside_rgb)
-    return red, green, blue
+    return Ground(rgb, classes, texel_m, 0.0, north_m, look.beyond_rgb)
 
 
 @lru_cache(maxsize=16)

@@ -85,8 +85,7 @@ def paint_strips(road_map: RoadMap, look: GroundLook) -> Ground:
     light = look.brightness * (1.0 + 0.3 * look.patchiness * _surface(shape, rng, slope=3.2))
     light *= cast_shadows(shape, texel_m, look.shadows, rng)
     rgb = np.clip(canvas.rgb * light[..., None] + 0.5, 0.0, 255.0).astype(np.uint8)
-    red, green, blue = (min(255.0, look.brightness * value) for value in look.outside_rgb)
-    return Ground(rgb, canvas.classes, texel_m, 0.0, north_m, (red, green, blue))
+    return Ground(rgb, canvas.classes, texel_m, 0.0, north_m, look.beyond_rgb)
 
 
 def _lay_lines(canvas: _Canvas, road_map: RoadMap) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit, prange
 
 from sim_pybullet.look import Look
-from sim_pybullet.painting.ground import outside_rgb, paint_left, soft_light, surface_noise
+from sim_pybullet.painting.ground import paint_left, soft_light, surface_noise
 from sim_pybullet.racing.track import SCALE, SPACING_M, CentreLine, Track, centre_line
 from sim_pybullet.scene import Ground, SemanticClass, Solid
 
@@ -54,7 +54,7 @@ def paint_track(track: Track, look: Look) -> Ground:
         soft_light((height, width), offset_m.shape, ground),
     )
     north_m = classes.shape[0] * texel_m
-    return Ground(rgb, classes, texel_m, 0.0, north_m, outside_rgb(ground))
+    return Ground(rgb, classes, texel_m, 0.0, north_m, ground.beyond_rgb)
 
 
 @lru_cache(maxsize=2)
