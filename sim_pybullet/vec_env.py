@@ -22,13 +22,9 @@ class DuckpilotVecEnv(VecEnv):
         self.world = world
         self._actions = np.zeros(world.n_robots, dtype=int)
         self.render_mode = "rgb_array"
+        self.device = world.feed.device  # where pictures are tensors
         seen = observation_space(world.feed.shape, world.task.guided)
         super().__init__(world.n_robots, seen, action_space(world, continuous))
-
-    @property
-    def device(self) -> str | None:
-        """Where pictures are tensors, see `sim_pybullet.rendering.batch_camera`."""
-        return self.world.feed.device
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what the expert would do now, who knows the true poses."""

@@ -10,22 +10,18 @@ from robot.lens import CameraRig
 from sim_pybullet.rendering.floor_kernel import FloorViews, draw_floor, label_floor
 from sim_pybullet.rendering.mip_texture import mip_texture
 from sim_pybullet.rendering.rays import (
+    AZIMUTHS,
+    ELEVATIONS,
     LEVELS,
     FloorTable,
     background,
+    direction_table,
     floor_shade,
     floor_table,
     pixel_rays,
 )
-from sim_pybullet.rendering.solid_geometry import place_movers
+from sim_pybullet.rendering.solid_geometry import light_row, place_movers, solid_rows
 from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
-from sim_pybullet.rendering.solid_table import (
-    AZIMUTHS,
-    ELEVATIONS,
-    direction_table,
-    light_row,
-    solid_rows,
-)
 from sim_pybullet.scene import Mover, Scene
 
 _ROWS: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
@@ -78,11 +74,12 @@ class RayCamera:
     ``movers`` are drawn in every scene, where each picture's poses of them say.
     """
 
-    device: str | None = None  # its pictures are arrays
+    # Of torch, where its pictures are tensors; None where they are arrays.
+    device: str | None = None
 
     def __init__(self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = ()) -> None:
         self._image = image
-        height, width, _ = image.shape
+        height, width, _ = self.shape = image.shape  # (H, W, 3) of one picture
         self._scenes: list[Scene | None] = [None] * n_robots
         self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
         self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
@@ -97,11 +94,6 @@ class RayCamera:
         self._parts = solid_rows(tuple(solid for mover in movers for solid in mover))
         owners = [number for number, mover in enumerate(movers) for _ in mover]
         self._owners = np.array(owners, int)  # (D,) whose part each of the D rows is
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """(H, W, 3) of one picture."""
-        return self._image.shape
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Give robot ``i`` its world and its camera."""
@@ -211,3 +203,6 @@ class NoCamera:
     def render(self, poses: np.ndarray, *_: object) -> np.ndarray:
         """(M, 1, 1, 3) zeros."""
         return np.zeros((len(poses), *self.shape), np.uint8)
+
+
+BatchCamera = RayCamera | NoCamera  # what draws many robots' pictures; `TorchCamera` is the first

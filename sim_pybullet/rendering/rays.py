@@ -1,4 +1,7 @@
-"""Where each pixel of a camera looks, worked out once per rig: rays, floor points, filters, sky."""
+"""Where each pixel of a camera looks, worked out once per rig: rays, floor points, filters, sky.
+
+And where in a picture to look for what lies in which direction.
+"""
 
 import math
 from dataclasses import dataclass
@@ -14,6 +17,7 @@ from sim_pybullet.look import LightLook, SkyLook
 from sim_pybullet.scene import Scene, SemanticClass
 
 LEVELS = 8  # of the floor's mip pyramid
+AZIMUTHS, ELEVATIONS = 120, 60  # cells of 3 by 3 degrees, of `direction_table`
 MAX_TAPS = 4  # samples along a pixel's longer axis on the floor
 NEAREST_HORIZON = 1e-3  # rays less steep than this meet the floor as if they were this steep
 FINEST = 1.4  # [texels] narrower pixels count as this wide
@@ -159,3 +163,30 @@ def background(rig: CameraRig, image: ImageSpec, scene: Scene) -> Background:
         kinds = np.where(below, SemanticClass.OUTSIDE, SemanticClass.SKY).astype(np.uint8)
         kept[rig, image] = rgb.ravel(), kinds.ravel()
     return kept[rig, image]
+
+
+@lru_cache(maxsize=256)
+def direction_table(rig: CameraRig, image: ImageSpec) -> tuple[np.ndarray, float]:
+    """Which way a rig's pixels look in the robot frame, to find those that look at something.
+
+    Cells (AZIMUTHS, ELEVATIONS, 4) int16: first and last row, first and last column of the pixels
+    that look into each, one pixel more on each side; an empty one has first above last. Azimuths
+    count from behind, elevations from straight down. And the width of the widest pixel [rad].
+    """
+    rays = pixel_rays(rig, image)
+    d = rays.directions
+    azimuth, elevation = np.arctan2(d[..., 1], d[..., 0]), np.arcsin(np.clip(d[..., 2], -1.0, 1.0))
+    i = ((azimuth[rays.seen] / math.pi + 1.0) * (AZIMUTHS // 2)).astype(int) % AZIMUTHS
+    j = ((elevation[rays.seen] / math.pi + 0.5) * ELEVATIONS).astype(int)
+    cell = i * ELEVATIONS + np.minimum(j, ELEVATIONS - 1)
+    rows, columns = np.nonzero(rays.seen)
+    bounds = np.empty((AZIMUTHS * ELEVATIONS, 4), np.int64)
+    bounds[:, 0::2], bounds[:, 1::2] = np.iinfo(np.int16).max, -1
+    for k, positions in ((0, rows), (2, columns)):
+        np.minimum.at(bounds[:, k], cell, positions - 1)
+        np.maximum.at(bounds[:, k + 1], cell, positions + 1)
+    last = np.array(rays.seen.shape) - 1
+    bounds[:, 0::2] = np.maximum(bounds[:, 0::2], 0)
+    bounds[:, 1::2] = np.minimum(bounds[:, 1::2], last)
+    steps = [np.linalg.norm(np.diff(d, axis=k), axis=-1).max(initial=0.0) for k in (0, 1)]
+    return bounds.reshape(AZIMUTHS, ELEVATIONS, 4).astype(np.int16), float(max(steps))

@@ -1,11 +1,16 @@
-"""Compiled geometry of one solid seen along many rays, in the robot's axes from the camera."""
+"""Solids as rows of numbers; compiled geometry of one that is seen along many rays.
+
+That is in the robot's axes, from the camera.
+"""
 
 import math
 
 import numpy as np
 from numba import njit
 
-from sim_pybullet.rendering.solid_table import AZIMUTHS, ELEVATIONS
+from sim_pybullet.look import LightLook
+from sim_pybullet.rendering.rays import AZIMUTHS, ELEVATIONS
+from sim_pybullet.scene import Solid
 
 # Columns of a row: position, heading, half extents (a cylinder has no width: its length is all),
 # underside and top [m], whether it is a cylinder, looks.
@@ -14,6 +19,34 @@ X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, ROUND, KIND, RED, GREEN, BLU
 NO_HIT = 1e9
 Outline = tuple[float, float, float, float]  # azimuth, half its spread, lowest, highest [rad]
 _FAST = {"contract", "arcp", "nsz", "reassoc"}  # not nnan, ninf: a ray may be level with a face
+
+
+def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
+    """(K, 13) float64, one row per solid in the world frame."""
+    rows = [
+        (
+            solid.x_m,
+            solid.y_m,
+            math.cos(solid.heading_rad),
+            math.sin(solid.heading_rad),
+            0.5 * solid.size_m[0],
+            0.5 * solid.size_m[1] * (solid.shape == "box"),
+            solid.base_m,
+            solid.base_m + solid.size_m[2],
+            solid.shape == "cylinder",
+            int(solid.kind),
+            *solid.rgb,
+        )
+        for solid in solids
+    ]
+    return np.array(rows, dtype=np.float64).reshape(len(solids), 13)
+
+
+def light_row(light: LightLook) -> np.ndarray:
+    """(5,): unit vector to the light in the world frame, ambient and diffuse share."""
+    level = math.cos(light.elevation_rad)
+    direction = (level * math.cos(light.azimuth_rad), level * math.sin(light.azimuth_rad))
+    return np.array((*direction, math.sin(light.elevation_rad), light.ambient, light.diffuse))
 
 
 @njit(cache=True)

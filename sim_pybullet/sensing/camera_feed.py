@@ -8,7 +8,7 @@ from robot.geometry import wrap_angle
 from robot.inference.policy import Translator
 from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
-from sim_pybullet.rendering.batch_camera import BatchCamera
+from sim_pybullet.rendering.ray_camera import BatchCamera
 from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import Mirror, Sensors
@@ -27,6 +27,8 @@ class CameraFeed:
         frames: how many of its last pictures a robot sees; the first one stands for its past.
 
     Attributes:
+        shape: (H, W, 3 F) of what one robot sees.
+        device: of torch, where pictures are tensors; None where they are arrays.
         shown: (N, 1 + U, 3) where the robots, and what moves, were when their newest picture was
             taken.
         fresh: (N,) bool, whether that came now for the first time.
@@ -46,7 +48,13 @@ class CameraFeed:
         self._dt_s = dt_s
         self._translator = translator
         height, width, _ = camera.shape
-        self._sensors = _sensors(camera, n_robots, crop_top_px)
+        self.shape, self.device = (height, width, 3 * frames), camera.device
+        if camera.device is None:
+            self._sensors = Sensors(n_robots, camera.shape, crop_top_px)
+        else:
+            from sim_pybullet.sensing.torch_sensor import TorchSensors
+
+            self._sensors = TorchSensors(n_robots, camera.shape, crop_top_px, camera.device)
         self._image = ImageSpec(width, height + crop_top_px, crop_top_px)
         self._scenes: list[Scene | None] = [None] * n_robots
         self._cameras: list[CameraLook | None] = [None] * n_robots
@@ -55,21 +63,9 @@ class CameraFeed:
         self._past = DelayLine(n_robots, 4 + 4 * movers)
         self._skip = np.zeros(n_robots)
         self._first = np.ones(n_robots, dtype=bool)  # no picture of this episode was taken yet
-        self._frames = frames
         self._stack = self._sensors.blank((n_robots, *self.shape))
         self.shown = np.zeros((n_robots, 1 + movers, 3))
         self.fresh = np.zeros(n_robots, dtype=bool)
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """(H, W, 3 F) of what one robot sees."""
-        height, width, _ = self._camera.shape
-        return height, width, 3 * self._frames
-
-    @property
-    def device(self) -> str | None:
-        """See `BatchCamera`."""
-        return self._camera.device
 
     @property
     def newest(self) -> np.ndarray:
@@ -145,15 +141,6 @@ class CameraFeed:
             seen[first, ..., k : k + 3] = pictures[first]
         self._stack[rows], self._first[chosen] = seen, False
         return seen
-
-
-def _sensors(camera: BatchCamera, n_robots: int, crop_top_px: int) -> Sensors:
-    """Where the camera draws."""
-    if camera.device is None:
-        return Sensors(n_robots, camera.shape, crop_top_px)
-    from sim_pybullet.sensing.torch_sensor import TorchSensors
-
-    return TorchSensors(n_robots, camera.shape, crop_top_px, camera.device)
 
 
 def _as_vectors(poses: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from robot.lens import CameraRig
 from sim_pybullet.bullet import Client, pybullet
 from sim_pybullet.look import LightLook
 from sim_pybullet.rendering.rays import pixel_rays, sky_rgb
-from sim_pybullet.rendering.solid_table import light_row
+from sim_pybullet.rendering.solid_geometry import light_row
 from sim_pybullet.scene import Ground, Mover, Scene, SemanticClass, Solid
 
 _NEAR_M, _FAR_M = 0.01, 300.0  # what a camera sees

@@ -10,7 +10,7 @@ from robot.errors import ConfigError, MapError
 from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
-from sim_pybullet.rendering.solid_table import solid_rows
+from sim_pybullet.rendering.solid_geometry import solid_rows
 from sim_pybullet.traffic.ahead import AHEAD_M, along, nearest, steps_ahead
 from sim_pybullet.traffic.crowd import Approach, Crowd, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
