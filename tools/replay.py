@@ -4,18 +4,28 @@ import sys
 from functools import partial
 from pathlib import Path
 
+from tyro.conf import Positional
+
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.recording.replay import replay
 from trainer.cli import Command, run
 
 SHOWN = 20
-COMMAND = Command("tools.commands:replay_command", "decide a recorded drive again, and compare")
+COMMAND = Command("tools.replay:replay_command", "decide a recorded drive again, and compare")
 main = partial(run, COMMAND, prog="python -m tools.replay")
 
 
-def decide_again(recording: Path, model: Path | None) -> int:
-    """0: nothing differs; 1: something does; ContractError: nothing was decided in it."""
+def replay_command(recording: Positional[Path], model: Path | None = None) -> int:
+    """Decide a recorded drive again, and compare.
+
+    Exit status 0: every action came out as it was. 1: some did not; they are listed. 2: a file in
+    which there is nothing to decide again, and why.
+
+    Args:
+        recording: an .mcap file of the robot's.
+        model: another policy: what would it have done?
+    """
     found = replay(recording, OnnxPolicy(model) if model else None)
     if not found.decisions:
         raise ContractError(

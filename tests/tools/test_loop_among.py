@@ -40,7 +40,7 @@ def met(stage: Stage, family: str, name: str) -> float:
     """How far apart the two robots are at the end [m]."""
     (case,) = [case for case in every_case() if (case.family, case.name) == (family, name)]
     outcome = stage.play(case)
-    assert outcome.passed, f"{outcome.problem}; shown: {outcome.state}: {outcome.reason}"
+    assert not outcome.problem, f"{outcome.problem}; shown: {outcome.state}: {outcome.reason}"
     assert stage.bench.town.second is not None
     return math.dist(stage.bench.town.pose[:2], stage.bench.town.second.pose[:2])
 

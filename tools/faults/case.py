@@ -88,8 +88,3 @@ class Outcome:
     state: str = ""
     reason: str = ""
     problem: str = ""  # none when all was as it must be
-
-    @property
-    def passed(self) -> bool:
-        """Whether all was as it must be."""
-        return not self.problem

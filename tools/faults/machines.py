@@ -9,7 +9,6 @@ import resource
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path
 
 from robot.recording.drive_file import UNFINISHED
 from robot.recording.reader import read_turns
@@ -95,23 +94,17 @@ def bad(stage: Stage, network: str, **values: float) -> Iterator[None]:
     vars(stage.bench.networks[network]).update(cut=False, delay_s=0.0, loss=0.0)
 
 
-def _made(how: str, folder: Path, good: Path) -> Path:
-    """A policy's file that is none, of a good one."""
-    path, data = folder / f"{how}.onnx", bytearray(good.read_bytes())
-    if how == "missing":
-        return folder / "none.onnx"
-    if how == "damaged":
-        data[100:2000] = bytes(1900)
-    path.write_bytes(data.replace(b'"path_points": 10', b'"path_points":  7'))
-    return path
-
-
 @contextmanager
 def started_with(stage: Stage, how: str) -> Iterator[None]:
-    """The robot is started with such a file."""
+    """The robot is started with a policy's file that is ``none``, or made of a good one."""
     bench = stage.bench
+    path, data = bench.folder / f"{how}.onnx", bytearray(bench.options.model.read_bytes())
+    if how == "damaged":
+        data[100:2000] = bytes(1900)
+    if how != "none":
+        path.write_bytes(data.replace(b'"path_points": 10', b'"path_points":  7'))
     try:
-        bench.use_model(_made(how, bench.folder, bench.options.model))
+        bench.use_model(path)
         bench.start_in_vain("robot")
         yield
     finally:

@@ -62,7 +62,7 @@ def meet(options: FaultsOptions) -> int:
         every = chosen(replace(options, family=(), case=()))
         named = [(case.family, case.name) for case in every]
         write_report(outcomes, options.report, [" ".join(n) for n in named if n not in met])
-    failed = [outcome for outcome in outcomes if not outcome.passed]
+    failed = [outcome for outcome in outcomes if outcome.problem]
     for outcome in failed:
         print(f"{outcome.family}, {outcome.name}: {outcome.problem}")
     print(f"{len(outcomes) - len(failed)} of {len(outcomes)} faults met as they must be")

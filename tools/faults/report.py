@@ -10,7 +10,7 @@ from tools.faults.case import STOP_BUDGET_S, TABLE, Outcome
 
 def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ()) -> None:
     """Write the table, whole or not at all; ``unmet`` are faults without an outcome yet."""
-    passed = f"{sum(outcome.passed for outcome in outcomes)} of {len(outcomes)}"
+    passed = f"{sum(not outcome.problem for outcome in outcomes)} of {len(outcomes)}"
     head = TABLE["page"].rstrip().format(1000.0 * STOP_BUDGET_S)
     lines = [f"{head} {passed} passed.\n"]
     if unmet:

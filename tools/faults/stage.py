@@ -138,7 +138,7 @@ class Stage:
                 self.drive_off()
             case.approach(self)
             outcome = self._meet(case, outcome)
-            if case.drives_again and outcome.passed:
+            if case.drives_again and not outcome.problem:
                 outcome = replace(outcome, problem=self._again_problem())
         except (BenchError, OSError) as error:
             outcome = replace(outcome, problem=f"the bench: {error}")

@@ -92,7 +92,8 @@ class Bench:
         with ExitStack() as stack:
             stack.callback(self.close)
             if not self.options.lockstep:
-                self.town.warm_up()
+                self.town.world.see()  # the first picture takes seconds, the next ones do not
+                self.town.see_above()
                 self.time.start()
             for name in self.programs:
                 self.start(name)

@@ -121,11 +121,6 @@ class VirtualTown(VirtualRobot):
             sheets += robot_sheets(DUCK, self.duck)[-1:]
         return self._above.render(sheets, self._rng)
 
-    def warm_up(self) -> None:
-        """Draw what both cameras see once: the first time takes seconds, the next ones do not."""
-        self.world.see()
-        self.see_above()
-
     def close(self) -> None:
         """Hang up, and free the physics."""
         for robot in filter(None, (self, self.second)):
