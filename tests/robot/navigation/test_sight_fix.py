@@ -308,17 +308,23 @@ def lane_pose(lane: Lane) -> Pose:
     return Pose(*begins, math.atan2(*(ends - begins)[::-1])).moved(0.15, 0.0)
 
 
-def test_what_cannot_be_is_not_believed() -> None:
+@pytest.mark.parametrize(("offset_m", "deviation_m"), [(0.4, 0.01), (0.19, 0.1), (0.23, 0.1)])
+def test_what_cannot_be_and_the_oncoming_lane_is_not_believed(
+    offset_m: float, deviation_m: float
+) -> None:
+    """The oncoming lane not even where sight is unsure: who was turned round sees it as well."""
     view, fusion = LaneView(TOWN), PoseFusion(1, FusionConfig(sight=True))
     world = driving()
     fusion.move(np.zeros(1), np.zeros(1), 0.0)
     fusion.measure(np.array([world.pose]), np.zeros(1))
     before = fusion.poses.copy()
-    far = Seen(np.array([[0.4, 0.0, 0.0, 0.0]]), np.full((1, 4), 0.01), *np.zeros((4, 1)))
+    figures, deviations = np.array([[offset_m, 0.0, 0.0, 0.0]]), np.full((1, 4), deviation_m)
+    far = Seen(figures, deviations, *np.zeros((4, 1)))
     fusion.move(np.zeros(1), np.zeros(1), 0.1)
     fix = SightFix(fusion, [view])
     fix.see(far._replace(road=np.ones(1)), np.ones(1, dtype=bool), 0.1)
     np.testing.assert_array_equal(fusion.poses, before)
+    assert fix.took_s[0] < 0.0, "it counts as no lane seen"
 
 
 def test_minutes_by_sight_alone_leave_the_covariance_one() -> None:
