@@ -74,12 +74,11 @@ class RayCamera:
     ``movers`` are drawn in every scene, where each picture's poses of them say.
     """
 
-    # Of torch, where its pictures are tensors; None where they are arrays.
-    device: str | None = None
+    device: str | None = None  # its pictures are arrays
 
     def __init__(self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = ()) -> None:
         self._image = image
-        height, width, _ = self.shape = image.shape  # (H, W, 3) of one picture
+        height, width, _ = self.shape = image.shape
         self._scenes: list[Scene | None] = [None] * n_robots
         self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
         self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
@@ -203,6 +202,3 @@ class NoCamera:
     def render(self, poses: np.ndarray, *_: object) -> np.ndarray:
         """(M, 1, 1, 3) zeros."""
         return np.zeros((len(poses), *self.shape), np.uint8)
-
-
-BatchCamera = RayCamera | NoCamera  # what draws many robots' pictures; `TorchCamera` is the first
