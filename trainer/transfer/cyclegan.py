@@ -177,7 +177,9 @@ class CycleGan:
 
     def step(self, batch: Batch, rng: np.random.Generator, k: int) -> dict[str, float]:
         """Update ``k`` of all four networks; the losses by name, unweighted."""
-        set_rate((self.generators, self.critics), self._rate(k))
+        begin = self.config.decay_from * self.config.steps
+        left = 1.0 - max(0.0, k - begin) / max(1.0, self.config.steps - begin)
+        set_rate((self.generators, self.critics), self.config.learning_rate * left)
         made_real, made_sim, losses = self._generate(batch, k)
         for name, critic, real, made, pool in (
             ("critic_real", self.real_critic, batch.real, made_real, self.real_pool),
@@ -187,7 +189,9 @@ class CycleGan:
             told = adversarial(critic(real), True) + adversarial(critic(earlier), False)
             losses[name] = 0.5 * told
         descend(self.critics, losses["critic_real"] + losses["critic_sim"])
-        self._average(k + 1)
+        with torch.no_grad():
+            for kept, newest in zip(self.kept.parameters(), self._pair.parameters(), strict=True):
+                kept.lerp_(newest, 1.0 / min(k + 1, AVERAGED_STEPS))
         return {name: float(loss.detach()) for name, loss in losses.items()}
 
     def _generate(
@@ -212,16 +216,6 @@ class CycleGan:
         descend(self.generators, total + config.structure * losses["structure"])
         self._judges.requires_grad_(True)
         return made_real.detach(), made_sim.detach(), losses
-
-    @torch.no_grad()
-    def _average(self, steps: int) -> None:
-        for kept, newest in zip(self.kept.parameters(), self._pair.parameters(), strict=True):
-            kept.lerp_(newest, 1.0 / min(steps, AVERAGED_STEPS))
-
-    def _rate(self, k: int) -> float:
-        begin = self.config.decay_from * self.config.steps
-        left = 1.0 - max(0.0, k - begin) / max(1.0, self.config.steps - begin)
-        return self.config.learning_rate * left
 
 
 JUDGE_EVERY = 125  # updates
@@ -293,19 +287,14 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
     model.kept.load_state_dict(newest.weights)
     generators = [PictureTranslator(each) for each in model.kept]
     of_run = config.image, out.resolve().name, newest.steps
-    for direction, generator in zip(DIRECTIONS, generators, strict=True):
-        contract = TranslatorContract("cyclegan", direction, *of_run)
-        export_translator(generator, contract, onnx_file(out, direction))
+    files = [out / f"{direction.replace('-', '_')}.onnx" for direction in DIRECTIONS]
+    for direction, generator, file in zip(DIRECTIONS, generators, files, strict=True):
+        export_translator(generator, TranslatorContract("cyclegan", direction, *of_run), file)
     given = pictures.sim.images[:: -(-len(pictures.sim.images) // SHEET_ROWS)]
     made = through(generators[0], given)
     back = through(generators[1], made)
     draw_sheet(out / "sheet.png", {"picture": given, "translation": made, "cycle": back})
-    return onnx_file(out, DIRECTIONS[0])
-
-
-def onnx_file(out: Path, direction: str) -> Path:
-    """A run's translator in this direction, one of `robot.inference.policy.DIRECTIONS`."""
-    return out / f"{direction.replace('-', '_')}.onnx"
+    return files[0]
 
 
 def _shifted(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
