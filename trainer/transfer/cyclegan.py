@@ -177,9 +177,7 @@ class CycleGan:
 
     def step(self, batch: Batch, rng: np.random.Generator, k: int) -> dict[str, float]:
         """Update ``k`` of all four networks; the losses by name, unweighted."""
-        begin = self.config.decay_from * self.config.steps
-        left = 1.0 - max(0.0, k - begin) / max(1.0, self.config.steps - begin)
-        set_rate((self.generators, self.critics), self.config.learning_rate * left)
+        set_rate((self.generators, self.critics), self._rate(k))
         made_real, made_sim, losses = self._generate(batch, k)
         for name, critic, real, made, pool in (
             ("critic_real", self.real_critic, batch.real, made_real, self.real_pool),
@@ -189,9 +187,7 @@ class CycleGan:
             told = adversarial(critic(real), True) + adversarial(critic(earlier), False)
             losses[name] = 0.5 * told
         descend(self.critics, losses["critic_real"] + losses["critic_sim"])
-        with torch.no_grad():
-            for kept, newest in zip(self.kept.parameters(), self._pair.parameters(), strict=True):
-                kept.lerp_(newest, 1.0 / min(k + 1, AVERAGED_STEPS))
+        self._average(k + 1)
         return {name: float(loss.detach()) for name, loss in losses.items()}
 
     def _generate(
@@ -216,6 +212,16 @@ class CycleGan:
         descend(self.generators, total + config.structure * losses["structure"])
         self._judges.requires_grad_(True)
         return made_real.detach(), made_sim.detach(), losses
+
+    @torch.no_grad()
+    def _average(self, steps: int) -> None:
+        for kept, newest in zip(self.kept.parameters(), self._pair.parameters(), strict=True):
+            kept.lerp_(newest, 1.0 / min(steps, AVERAGED_STEPS))
+
+    def _rate(self, k: int) -> float:
+        begin = self.config.decay_from * self.config.steps
+        left = 1.0 - max(0.0, k - begin) / max(1.0, self.config.steps - begin)
+        return self.config.learning_rate * left
 
 
 JUDGE_EVERY = 125  # updates
