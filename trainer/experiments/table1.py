@@ -148,7 +148,9 @@ def foretell(out: Path, options: Table1Options, console: Console) -> Table:
             rows.append(compare(kind, seed, rest.turns, logits.argmax(1)))
     counts = [np.bincount(part.turns, minlength=len(Turn)) for part in (training, test)]
     shares = [(count / count.sum()).tolist() for count in counts]
-    return Table(str(options.data), len(training.last), len(test.last), *shares, tuple(rows))
+    return Table(
+        str(options.data), len(training.last), len(test.last), shares[0], shares[1], tuple(rows)
+    )
 
 
 def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:

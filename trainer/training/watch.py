@@ -126,10 +126,12 @@ class Watch(BaseCallback):
         result = drive_greedily(self._choose, self._env, seed, wanted.rounds, frames.append)
         took, distance_m = time.monotonic() - began, float(result.distance_m.mean())
         state.evaluation_seconds += took
-        means = (float(part.mean()) for part in (result.success, result.rewards, result.steps))
+        parts = result.success, result.rewards, result.steps
+        success, reward, length = (float(part.mean()) for part in parts)
         cpu_s = state.cpu_seconds + time.process_time() - cpu_began
         known_m = None if np.isnan(distance_m) else distance_m
-        evaluated = Evaluated(self.steps, state.seconds + took, *means, cpu_s, known_m)
+        now_s = state.seconds + took
+        evaluated = Evaluated(self.steps, now_s, success, reward, length, cpu_s, known_m)
         state.evaluations += (evaluated,)
         if state.best is evaluated:
             save_torch(self._folder.best, self.model.policy.state_dict())

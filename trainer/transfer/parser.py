@@ -200,5 +200,6 @@ def score_classes(
         iou = np.where(there > 0, hit / (there + guessed - hit), np.nan)
     rows = zip(labels.classes, there / matrix.sum(), accuracy, iou, strict=True)
     each = tuple(ClassScore(name, float(p), float(a), float(i)) for name, p, a, i in rows)
-    of_all = hit.sum() / matrix.sum(), np.nanmean(accuracy), np.nanmean(iou)
-    return ParsingScore(source, len(truth), *map(float, of_all), each)
+    told = hit.sum() / matrix.sum(), np.nanmean(accuracy), np.nanmean(iou)
+    of_pixels, of_classes, mean_iou = map(float, told)
+    return ParsingScore(source, len(truth), of_pixels, of_classes, mean_iou, each)

@@ -160,7 +160,7 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real)):
         model, kept = Pix2Pix(PIX2PIX[run.net], run.seed), out / f"{name}.pt"
         halves.append(teach_pairs(model, pairs, run.steps, run.seed, kept, console))
-    network, path = ThroughParsing(*halves, labels), out / "sim_to_real.onnx"
+    network, path = ThroughParsing(halves[0], halves[1], labels), out / "sim_to_real.onnx"
     name, notes = out.resolve().name, ("through parsing",)
     contract = TranslatorContract("pix2pix", DIRECTIONS[0], image, name, run.steps, notes=notes)
     export_translator(network, contract, path)
