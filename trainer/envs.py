@@ -1,6 +1,6 @@
 """The environment of a run, as stable-baselines3 sees it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -61,8 +61,8 @@ def draws_on_gpu(config: RunConfig) -> bool:
 
 
 def parts_of(observation: Any) -> dict[str, Any]:
-    """What robots see, by name; of pictures alone ``image``."""
-    return dict(observation) if isinstance(observation, dict) else {"image": observation}
+    """What robots see, or the boxes of what they may see, by name; of pictures alone ``image``."""
+    return dict(observation) if isinstance(observation, Mapping) else {"image": observation}
 
 
 def image_changed(observation: Any, change: Callable[[Any], Any]) -> Any:
@@ -70,11 +70,6 @@ def image_changed(observation: Any, change: Callable[[Any], Any]) -> Any:
     if isinstance(observation, (dict, spaces.Dict)):
         return type(observation)({**observation, "image": change(observation["image"])})
     return change(observation)
-
-
-def spaces_of(space: spaces.Space) -> dict[str, Any]:
-    """Likewise of what they may see: boxes."""
-    return dict(space.spaces) if isinstance(space, spaces.Dict) else {"image": space}
 
 
 class SeenOtherwise(VecEnvWrapper):

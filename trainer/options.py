@@ -13,7 +13,6 @@ from robot.errors import ConfigError, expect_between
 from robot.typed_config import to_plain
 
 if TYPE_CHECKING:
-    from robot.contract import ImageSpec
     from trainer.config import RunConfig
 
 MOST_EPISODES = 10_000_000
@@ -49,6 +48,7 @@ class TrainOptions:
 
     def config(self) -> "RunConfig":
         """The run asked for; DuckpilotError for a wrong name, or what is kept for judging."""
+        from robot.inference.policy import PARSING, OnnxTranslator
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.tasks.spec import find_task
         from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
@@ -72,8 +72,11 @@ class TrainOptions:
         else_the_presets = ("steps", "seconds", "rate_left", "start_spread", "true_path", "device")
         given = [name for name in else_the_presets if getattr(self, name) is not None]
         changes = {name: getattr(self, name) for name in (*same, *given)}
-        image = _seen_through(self.translate, config.image)
-        config = replace(config, maps=maps, image=image, **changes)
+        config = replace(config, maps=maps, **changes)
+        if self.translate is not None and Path(self.translate).exists():  # else the world says so
+            seen = OnnxTranslator(self.translate).contract
+            if seen.direction == PARSING:  # whoever sees what a parser sees takes its pictures
+                config = replace(config, image=seen.image)
         if self.backbone:
             from robot.vision.sight import OnnxSight
 
@@ -162,13 +165,3 @@ class SweepOptions(WorkerOptions):
     def wanted(self) -> bool:
         """Whether any were asked for."""
         return self.seeds is not None or self.matrix is not None
-
-
-def _seen_through(translate: str | None, image: "ImageSpec") -> "ImageSpec":
-    """Whoever sees what a parser sees takes its pictures; others keep the preset's."""
-    from robot.inference.policy import PARSING, OnnxTranslator
-
-    if translate is None or not Path(translate).exists():  # who makes the world will say so
-        return image
-    contract = OnnxTranslator(translate).contract
-    return contract.image if contract.direction == PARSING else image

@@ -28,7 +28,7 @@ from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.output import atomically
 from robot.typed_config import load_yaml
-from trainer.envs import spaces_of
+from trainer.envs import parts_of
 from trainer.export import NOISY_FRAMES, check_equal, export_network, noise_seen
 from trainer.torch_file import reading
 
@@ -112,7 +112,7 @@ def _from_stable_baselines3(
 
 def _contract_of(path: Path, seen: spaces.Space, done: spaces.Space) -> PolicyContract:
     """What the spaces of a policy say, as the project's environments make them."""
-    parts = spaces_of(seen)
+    parts = parts_of(seen)
     image, guide = parts.pop("image", None), parts.pop("path", None)
     if parts or not isinstance(image, spaces.Box) or len(image.shape) != 3:
         raise ContractError(
@@ -150,7 +150,7 @@ class _ChoosingNetwork(nn.Module):
         super().__init__()
         self.policy = policy
         seen, done = policy.observation_space, policy.action_space
-        self.transposed = spaces_of(seen)["image"].shape != contract.picture_shape
+        self.transposed = parts_of(seen)["image"].shape != contract.picture_shape
         self.alone = not isinstance(seen, spaces.Dict)
         self.table: torch.Tensor | None = None
         if isinstance(done, spaces.Box):

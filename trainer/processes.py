@@ -165,12 +165,8 @@ def connect(address: str) -> Any:
             f"ray {address!r}: expected the address of a running cluster (ray start --head), "
             f"got: {told}"
         )
-    quiet: dict[str, Any] = {
-        "log_to_driver": False,
-        "logging_level": logging.ERROR,
-        "ignore_reinit_error": True,
-    }
-    ray.init(address, runtime_env={"env_vars": ONE_THREAD}, **quiet)
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+    ray.init(address, ignore_reinit_error=True, runtime_env={"env_vars": ONE_THREAD}, **quiet)
     return ray
 
 

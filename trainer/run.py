@@ -46,11 +46,6 @@ def refuse_run(folder: Path) -> None:
         )
 
 
-def _begin_run(folder: Path, config: object) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    write_yaml(folder / CONFIG, config)
-
-
 def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], Config]) -> Config:
     """The configuration of a run to resume, or that of one that is begun here.
 
@@ -60,8 +55,7 @@ def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], 
         return load_yaml(kind, folder / CONFIG)
     refuse_run(folder)
     config = fresh()
-    expect_folder(folder)
-    _begin_run(folder, config)
+    write_yaml(folder / CONFIG, config)
     return config
 
 
@@ -114,7 +108,7 @@ class RunFolder:
     def go_on(self, config: RunConfig) -> None:
         """Begin a run here, or give the one that lies here new limits; errors as above."""
         self.refuse_another(config)
-        _begin_run(self.path, config)
+        write_yaml(self.config, config)
 
     def load_config(self) -> RunConfig:
         """The configuration that this run was begun with; ConfigError if it is absent or wrong."""

@@ -157,11 +157,6 @@ def fit_mount(
             f"camera: the corners miss the fitted board by {residual_px:.2f} px, expected at "
             f"most {most_px:.2f}; is the sheet flat, printed at 100 %, and the lens calibrated?"
         )
-    _expect_plausible(mount, before)
-    return mount, residual_px
-
-
-def _expect_plausible(mount: Mount, before: Mount) -> None:
     for what, value, (low, high) in (
         ("height_m", mount.height_m, HEIGHT_RANGE_M),
         ("pitch_rad", mount.pitch_rad, PITCH_RANGE_RAD),
@@ -177,3 +172,4 @@ def _expect_plausible(mount: Mount, before: Mount) -> None:
             f"more to the left than told, expected {1e3 * PLACE_TOLERANCE_M:.0f} mm at most; "
             "measure again from the axle, or mend camera.mount.forward_m"
         )
+    return mount, residual_px

@@ -29,7 +29,7 @@ from trainer.config import RunConfig
 from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, on_policy
 from trainer.learners.episode_count import EpisodeEnd, learn_and_tell
 from trainer.learners.networks import DrivingActorCritic
-from trainer.learners.policies import learning_rates, policy_arguments
+from trainer.learners.policies import falling, policy_arguments
 from trainer.learners.world import learning_world
 from trainer.processes import LocalProcesses
 from trainer.run import RunFolder
@@ -180,7 +180,8 @@ def _work(
 def build(making: Making) -> A3C:
     """A model ready to learn."""
     config = replace(making.config, device="cpu")  # whose memory is shared
-    learn, rates = cast(A3cConfig, config.learn), learning_rates(config)
+    learn = cast(A3cConfig, config.learn)
+    rates = falling(learn.learning_rate, config.rate_left)
 
     def rate(left: float) -> float:
         warm = (1.0 - left) * config.steps / learn.warm_up if learn.warm_up else 1.0

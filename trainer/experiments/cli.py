@@ -103,8 +103,7 @@ def six_models_command(
     for seed in range(options.seeds):
         among = [kind[seed] for kind in kinds(options)]
         for jobs in (trainings(out, options, among), drives(out, options, among)):
-            status = run_sweep(jobs, workers, console)
-            if status != 0:
+            if status := run_sweep(jobs, workers, console):
                 return status
         console.print(report(out, replace(options, seeds=seed + 1)), markup=False)
     return 0
@@ -129,8 +128,7 @@ def figure5_command(
 
     console = Console(soft_wrap=True)
     jobs = trainings(out, options, translator(out, options, console))
-    status = run_sweep(jobs, workers, console)
-    if status != 0:
+    if status := run_sweep(jobs, workers, console):
         return status
     curves = gather(out, options)
     told = {"options": to_plain(options), "curves": to_plain(curves), "schema": 1}

@@ -25,7 +25,6 @@ from trainer.training.checkpoint import read_state
 _GRID = 200  # steps at which seeds are averaged
 LAST_SHARE = 0.25  # of the steps: what a driver earns there is what it has learned
 
-
 VARIANTS = {  # titles and colours, in the paper's order, the best first
     "oracle": ("Oracle", "black"),
     "translated": ("translated through parsing", "darkred"),
@@ -102,15 +101,11 @@ def gather(out: Path, options: Figure5Options) -> list[Curve]:
         runs = [RunFolder(out / f"{name}_{seed}") for seed in range(options.seeds)]
         records = [read_state(run.checkpoint).evaluations for run in runs]
         ends = [[e for e in r if e.step >= (1.0 - LAST_SHARE) * r[-1].step] for r in records]
-        curves.append(
-            Curve(
-                name,
-                tuple(tuple(e.step for e in record) for record in records),
-                tuple(tuple(e.mean_reward for e in record) for record in records),
-                tuple(float(np.mean([e.mean_reward for e in end])) for end in ends),
-                tuple(float(np.mean([e.success_rate for e in end])) for end in ends),
-            )
-        )
+        steps = tuple(tuple(e.step for e in record) for record in records)
+        rewards = tuple(tuple(e.mean_reward for e in record) for record in records)
+        learned = tuple(float(np.mean([e.mean_reward for e in end])) for end in ends)
+        success = tuple(float(np.mean([e.success_rate for e in end])) for end in ends)
+        curves.append(Curve(name, steps, rewards, learned, success))
     return curves
 
 

@@ -30,7 +30,6 @@ FIRST_SEED = 160 * 32  # whole worlds of 160 episodes: 32 paths are then each pa
 PAPER = {("dueling", "cyclegan"): (27, 31), ("ppo", "cyclegan"): (24, 26)}
 SUCCESS_ABOVE, FAILURE_BELOW = 20, 10  # paths
 
-
 VARIANTS = {  # how simulation is made to resemble reality: title, look, translated
     "none": ("nothing", "nominal", False),
     "dr": ("domain randomisation", "randomised", False),

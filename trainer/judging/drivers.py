@@ -133,8 +133,16 @@ class Governed(Pilot):
         poses = world.poses.reshape(-1, ours, 3)
         bodies = task.crowd.bodies(poses)
         red = task.look(world.poses).red
-        if not self._robots:
-            self._begin(world, task, task.crowd.kinds.size)
+        if not self._robots:  # all begin their only episode
+            views = {m.name: _View(m) for m in task.road_maps if isinstance(m, RoadMap)}
+            for i, number in enumerate(world.numbers.tolist()):
+                view, place = views[task.road_maps[world.maps[i]].name], i % ours
+                others = Neighbours(view, _name(place), self._look.position_m)
+                rules = KeepApart(), StopLines(), Lights(), FirstCome()
+                robot = Ruled(Pose(*world.poses[i].tolist()), rules)
+                self._robots.append((robot, RoadWatch(view, others), others))
+                if place == 0:
+                    self._above.append(_Above(task.crowd.kinds.size, self._look, number))
         there = np.zeros((*bodies.shape[:2], 3))
         there[..., :2], there[:, :ours, 2] = bodies, poses[..., 2]
         told = [above.tell(here, now_s) for above, here in zip(self._above, there, strict=True)]
@@ -152,18 +160,6 @@ class Governed(Pilot):
             light = Light.RED if red[group, place] else Light.NONE
             shares[i] = robot.slowed(shares[i], now_s, replace(ahead, light=light))
         return shares
-
-    def _begin(self, world: BatchWorld, task: Traffic, bodies: int) -> None:
-        """All begin their only episode."""
-        views = {m.name: _View(m) for m in task.road_maps if isinstance(m, RoadMap)}
-        for i, number in enumerate(world.numbers.tolist()):
-            view, place = views[task.road_maps[world.maps[i]].name], i % task.group
-            others = Neighbours(view, _name(place), self._look.position_m)
-            rules = KeepApart(), StopLines(), Lights(), FirstCome()
-            robot = Ruled(Pose(*world.poses[i].tolist()), rules)
-            self._robots.append((robot, RoadWatch(view, others), others))
-            if place == 0:
-                self._above.append(_Above(bodies, self._look, number))
 
     def _messages(
         self, told: np.ndarray, kinds: np.ndarray, ours: int, now_s: float

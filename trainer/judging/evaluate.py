@@ -86,36 +86,27 @@ def drive(
     try:
         seen = world.reset()
         while world.active.any():
-            _see(world, going, seen, films)
+            task, poses = world.task, world.poses
+            for i in np.flatnonzero(world.active).tolist():
+                going[i].half_lane_m = float(task.half_lane_m[i])
+                frame = seen.image[i, ..., -3:] if films else None
+                going[i].add(poses[i], float(task.course.offset_m[i]), frame)
             numbers, maps, looks = world.numbers, world.maps, world.looks
             step = world.step(choose(seen))
             seen = step.observation
             for k, robot in enumerate(step.finished.robots.tolist()):
-                told = zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
+                told = zip(task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
                 facts, failed = dict(told), bool(step.task.terminated[robot])
-                done = Drive(
-                    int(numbers[robot]),
-                    bool(step.task.success[robot]),
-                    step.finished.metrics[k],
-                    failed,
-                    facts.get("laps"),
-                    failed and bool(step.collided[robot]),
-                    world.task.road_maps[maps[robot]].name,
-                )
+                collided, place = bool(step.collided[robot]), task.road_maps[maps[robot]].name
+                number, success = int(numbers[robot]), bool(step.task.success[robot])
+                how = failed, facts.get("laps"), failed and collided
+                done = Drive(number, success, step.finished.metrics[k], *how, place)
                 ride, going[robot] = going[robot], Ride()
                 ride.poses.append(step.poses[robot])
                 ride.end, ride.look = _end(step, robot), looks[robot]
                 yield done, facts, ride
     finally:
         world.close()
-
-
-def _see(world: BatchWorld, going: Sequence[Ride], seen: Observation, films: bool) -> None:
-    offset_m, half_m, poses = world.task.course.offset_m, world.task.half_lane_m, world.poses
-    for i in np.flatnonzero(world.active).tolist():
-        going[i].half_lane_m = float(half_m[i])
-        frame = seen.image[i, ..., -3:] if films else None
-        going[i].add(poses[i], float(offset_m[i]), frame)
 
 
 def _end(step: BatchStep, robot: int) -> str:

@@ -22,7 +22,7 @@ from torch import nn
 from robot.contract import PATH_POINTS, ActionTable
 from robot.errors import ContractError
 from trainer.config import NetConfig
-from trainer.envs import parts_of, spaces_of
+from trainer.envs import parts_of
 from trainer.learners.backbone import Backbone, centred, fresh, read_backbone
 from trainer.learners.on_device import PictureStore
 from trainer.learners.world import TRUE_PATH
@@ -44,7 +44,7 @@ class DrivingFeatures(BaseFeaturesExtractor):
     def __init__(
         self, observation_space: spaces.Space, net: NetConfig, pictures: PictureStore | None = None
     ) -> None:
-        shapes = {name: part.shape for name, part in spaces_of(observation_space).items()}
+        shapes = {name: part.shape for name, part in parts_of(observation_space).items()}
         image = pictures.shape if pictures else shapes.get("image", ())
         path_points = sum(shapes.get("path", ()))
         if len(image) not in (1, 3) or (image[2:] and image[2] % 3):
@@ -57,7 +57,10 @@ class DrivingFeatures(BaseFeaturesExtractor):
             self.convolutions: nn.Sequential = backbone
             flat = backbone.width * image[2] // 3 if image[1:] else image[0]
         else:
-            self.convolutions = _convolutions((image[2], *net.channels))
+            sizes = itertools.pairwise((image[2], *net.channels))
+            each = zip(sizes, KERNELS_AND_STRIDES, strict=False)
+            pairs = ((nn.Conv2d(*size, *how), nn.ReLU()) for size, how in each)
+            self.convolutions = nn.Sequential(*itertools.chain.from_iterable(pairs))
             with torch.no_grad():
                 flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
         self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
@@ -249,12 +252,6 @@ class GreedyNetwork(nn.Module):
 def unhedged(head: nn.Sequential) -> nn.Sequential:
     """What gives the logits of a head that `Hedge` may end."""
     return cast(nn.Sequential, head[:-1]) if isinstance(head[-1], Hedge) else head
-
-
-def _convolutions(channels: tuple[int, ...]) -> nn.Sequential:
-    each = zip(itertools.pairwise(channels), KERNELS_AND_STRIDES, strict=False)
-    pairs = ((nn.Conv2d(*sizes, *how), nn.ReLU()) for sizes, how in each)
-    return nn.Sequential(*itertools.chain.from_iterable(pairs))
 
 
 def _orthogonal(module: nn.Module) -> None:

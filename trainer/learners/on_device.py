@@ -12,7 +12,7 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
 from trainer.config import RunConfig
-from trainer.envs import SeenOtherwise, image_changed, spaces_of
+from trainer.envs import SeenOtherwise, image_changed, parts_of
 
 
 class PictureStore:
@@ -44,7 +44,7 @@ class KeptThere(SeenOtherwise):
         rollout = getattr(learn, "rollout", 0) or getattr(learn, "a2c_rollout", 0)
         kept = getattr(learn, "buffer", 0) or rollout * learn.robots
         most = 2 * (kept + learn.robots)  # every step may end an episode, whose last picture counts
-        shape = spaces_of(shown)["image"].shape
+        shape = parts_of(shown)["image"].shape
         self.pictures = PictureStore(most, shape, cast(Any, env).device)
         numbers = image_changed(shown, lambda _: spaces.Box(0, most - 1, (), np.int64))
         super().__init__(env, lambda seen, _: image_changed(seen, self.pictures.put), numbers)

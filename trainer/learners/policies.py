@@ -36,16 +36,11 @@ def common_arguments(making: Making) -> dict[str, Any]:
         "policy": find_algorithm(config.algorithm).policy,
         "env": making.env,
         "policy_kwargs": arguments,
-        "learning_rate": learning_rates(config),
+        "learning_rate": falling(config.learn.learning_rate, config.rate_left),
         "max_grad_norm": config.learn.max_grad_norm,
         "seed": config.seed,
         "device": config.device,
     }
-
-
-def learning_rates(config: RunConfig) -> Schedule:
-    """From the share of the run that is left, 1 to 0, to the learning rate."""
-    return falling(config.learn.learning_rate, config.rate_left)
 
 
 def falling(first: float, least: float) -> Schedule:

@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from robot.errors import ConfigError
 from trainer.algorithms import Making
-from trainer.envs import parts_of, spaces_of
+from trainer.envs import parts_of
 from trainer.learners.policies import common_arguments
 
 _NUMBER = spaces.Box(0, np.iinfo(np.int64).max, shape=(), dtype=np.int64)
@@ -59,7 +59,7 @@ class MappedReplayBuffer(NStepReplayBuffer):
         rows = (self.buffer_size, self.n_envs)
         self.observations = np.arange(rows[0] * rows[1], dtype=np.int64).reshape(rows)
         self.next_observations = self.observations
-        parts = spaces_of(seen)
+        parts = parts_of(seen)
         sizes = [np.prod(rows + part.shape) * part.dtype.itemsize for part in parts.values()]
         needed = 2 * int(sum(sizes)) - sum(path.stat().st_size for path in folder.iterdir())
         free = shutil.disk_usage(folder).free
@@ -76,7 +76,17 @@ class MappedReplayBuffer(NStepReplayBuffer):
             array = getattr(self, name)
             setattr(self, name, self._map(name, array.shape, array.dtype))
         self.rows = self._map("rows", (1,), np.dtype(np.int64))
-        self._reopen()
+        # Take up an old buffer: its robots are gone, so its last transitions lead nowhere.
+        if not self.taken_over:
+            self.rows[0] = 0
+        written = int(self.rows[0])
+        self.full, self.pos = written >= self.buffer_size, written % self.buffer_size
+        if written:
+            last = self.pos - 1
+            self.timeouts[last] = np.maximum(self.timeouts[last], 1.0 - self.dones[last])
+            scalars = (getattr(self, name) for name in _SCALARS)
+            for array in (*self.seen.values(), *self.seen_next.values(), *scalars):
+                array[self.pos] = array[last]  # may be half written
 
     def add(self, obs: Any, next_obs: Any, *rest: Any) -> None:
         """One row: a transition of every robot."""
@@ -111,17 +121,3 @@ class MappedReplayBuffer(NStepReplayBuffer):
         self.taken_over = self.taken_over and fits
         # np.asarray: indexing a plain array is several times quicker than indexing a np.memmap
         return np.asarray(np.memmap(path, dtype, mode="r+" if fits else "w+", shape=shape))
-
-    def _reopen(self) -> None:
-        """Take up an old buffer: its robots are gone, so its last transitions lead nowhere."""
-        if not self.taken_over:
-            self.rows[0] = 0
-        rows = int(self.rows[0])
-        self.full, self.pos = rows >= self.buffer_size, rows % self.buffer_size
-        if rows == 0:
-            return
-        last = self.pos - 1
-        self.timeouts[last] = np.maximum(self.timeouts[last], 1.0 - self.dones[last])
-        scalars = (getattr(self, name) for name in _SCALARS)
-        for array in (*self.seen.values(), *self.seen_next.values(), *scalars):
-            array[self.pos] = array[last]  # may be half written

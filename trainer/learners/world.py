@@ -12,7 +12,7 @@ from robot.navigation.path import path_inputs
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
-from trainer.envs import SeenOtherwise, image_changed, parts_of, spaces_of
+from trainer.envs import SeenOtherwise, image_changed, parts_of
 from trainer.learners.backbone import Seer
 from trainer.learners.on_device import KeptThere
 from trainer.relit import relit
@@ -38,7 +38,7 @@ def with_true_path(env: VecEnv) -> SeenOtherwise:
         return {**parts_of(seen), TRUE_PATH: true}
 
     true_path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
-    return SeenOtherwise(env, see, spaces.Dict({**spaces_of(space), TRUE_PATH: true_path}))
+    return SeenOtherwise(env, see, spaces.Dict({**parts_of(space), TRUE_PATH: true_path}))
 
 
 def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
@@ -50,14 +50,6 @@ def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
     return SeenOtherwise(env, lambda seen, _: image_changed(seen, lit))
 
 
-def seen_by(env: VecEnv, backbone: Seer) -> SeenOtherwise:
-    """In place of pictures (H, W, 3 F), alone or in a dict as ``image``, what a backbone saw."""
-    width = backbone.width * spaces_of(env.observation_space)["image"].shape[2] // 3
-    said = spaces.Box(-np.inf, np.inf, (width,), np.float32)
-    space = image_changed(env.observation_space, lambda _: said)
-    return SeenOtherwise(env, lambda seen, _: image_changed(seen, backbone), space)
-
-
 def learning_world(config: RunConfig, make_env: EnvMaker) -> VecEnv:
     """Of so many robots as learn at once, as they see it; DuckpilotError as of ``make_env``."""
     env = make_env(config, config.learn.robots, config.seed)
@@ -66,7 +58,11 @@ def learning_world(config: RunConfig, make_env: EnvMaker) -> VecEnv:
     if config.relit:
         env = under_other_lights(env, np.random.default_rng(config.seed))
     if config.net.backbone:
-        env = seen_by(env, Seer(Path(config.net.backbone), config.device))
+        backbone, shown = Seer(Path(config.net.backbone), config.device), env.observation_space
+        width = backbone.width * parts_of(shown)["image"].shape[2] // 3
+        said = spaces.Box(-np.inf, np.inf, (width,), np.float32)  # what it saw, for the pictures
+        space = image_changed(shown, lambda _: said)
+        env = SeenOtherwise(env, lambda seen, _: image_changed(seen, backbone), space)
     elif getattr(env, "device", None):
         env = KeptThere(env, config)
     return SeenOtherwise(env, lambda seen, _: seen, reward_scale=config.reward_scale)

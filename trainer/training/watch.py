@@ -96,7 +96,11 @@ class Watch(BaseCallback):
         if now - self._logged >= LOG_PERIOD_S:
             self._logged = now
             self._log.file.flush()
-            self._write_scalars()
+            for name in ("reward", "length", "success") if self._recent else ():
+                mean = np.mean([getattr(episode, name) for episode in self._recent])
+                self.logger.record(f"episode/{name}", mean)
+            self.logger.record("time/seconds", self.state.seconds)
+            self.logger.dump(self.steps)
         if self._evaluation_is_due():
             self.evaluate()
         if time.monotonic() - self._saved >= CHECKPOINT_PERIOD_S:
@@ -105,13 +109,6 @@ class Watch(BaseCallback):
             self._shown = now
             self._show()
         return self._goes_on()
-
-    def _write_scalars(self) -> None:
-        for name in ("reward", "length", "success") if self._recent else ():
-            mean = np.mean([getattr(episode, name) for episode in self._recent])
-            self.logger.record(f"episode/{name}", mean)
-        self.logger.record("time/seconds", self.state.seconds)
-        self.logger.dump(self.steps)
 
     def _evaluation_is_due(self) -> bool:
         evaluations, wanted = self.state.evaluations, self._config.evaluation
@@ -129,15 +126,12 @@ class Watch(BaseCallback):
         result = drive_greedily(self._choose, self._env, seed, wanted.rounds, frames.append)
         took, distance_m = time.monotonic() - began, float(result.distance_m.mean())
         state.evaluation_seconds += took
-        evaluated = Evaluated(
-            self.steps,
-            state.seconds + took,
-            float(result.success.mean()),
-            float(result.rewards.mean()),
-            float(result.steps.mean()),
-            state.cpu_seconds + time.process_time() - cpu_began,
-            None if np.isnan(distance_m) else distance_m,
-        )
+        parts = result.success, result.rewards, result.steps
+        success, reward, length = (float(part.mean()) for part in parts)
+        cpu_s = state.cpu_seconds + time.process_time() - cpu_began
+        known_m = None if np.isnan(distance_m) else distance_m
+        now_s = state.seconds + took
+        evaluated = Evaluated(self.steps, now_s, success, reward, length, cpu_s, known_m)
         state.evaluations += (evaluated,)
         if state.best is evaluated:
             save_torch(self._folder.best, self.model.policy.state_dict())

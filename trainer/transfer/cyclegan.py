@@ -293,19 +293,14 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
     model.kept.load_state_dict(newest.weights)
     generators = [PictureTranslator(each) for each in model.kept]
     of_run = config.image, out.resolve().name, newest.steps
-    for direction, generator in zip(DIRECTIONS, generators, strict=True):
-        contract = TranslatorContract("cyclegan", direction, *of_run)
-        export_translator(generator, contract, onnx_file(out, direction))
+    files = [out / f"{direction.replace('-', '_')}.onnx" for direction in DIRECTIONS]
+    for direction, generator, file in zip(DIRECTIONS, generators, files, strict=True):
+        export_translator(generator, TranslatorContract("cyclegan", direction, *of_run), file)
     given = pictures.sim.images[:: -(-len(pictures.sim.images) // SHEET_ROWS)]
     made = through(generators[0], given)
     back = through(generators[1], made)
     draw_sheet(out / "sheet.png", {"picture": given, "translation": made, "cycle": back})
-    return onnx_file(out, DIRECTIONS[0])
-
-
-def onnx_file(out: Path, direction: str) -> Path:
-    """A run's translator in this direction, one of `robot.inference.policy.DIRECTIONS`."""
-    return out / f"{direction.replace('-', '_')}.onnx"
+    return files[0]
 
 
 def _shifted(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:

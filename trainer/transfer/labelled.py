@@ -40,11 +40,7 @@ class LabelSet:
     name: str
     classes: tuple[str, ...]
     colours: tuple[Rgb, ...]
-    of_simulator: tuple[int, ...]  # indexed by SemanticClass
-
-    def from_simulator(self, labels: np.ndarray) -> np.ndarray:
-        """Values of `SemanticClass`, any shape -> values of this set, uint8."""
-        return np.array(self.of_simulator, np.uint8)[labels]
+    of_simulator: tuple[int, ...]  # values of this set, indexed by those of SemanticClass
 
     def paint(self, labels: np.ndarray) -> np.ndarray:
         """Labels (..., H, W) -> a picture (..., H, W, 3) uint8; void is black."""
@@ -102,7 +98,6 @@ TRACK = _label_set("track", 2, {
 })  # fmt: skip
 LABEL_SETS = {labels.name: labels for labels in (CAMVID, ROAD, TRACK)}
 
-
 SHIPPED = {path.stem: path for path in (Path(__file__).parent / "annotations").glob("*.yaml")}
 HELD_OUT_SHARE = 0.25  # of each sequence: its end, see `ends`
 _VALUES = {**{name: k for k, name in enumerate(ROAD.classes)}, "void": VOID}
@@ -147,16 +142,8 @@ class Labelled(NamedTuple):
         return type(self)(*(part[chosen] for part in self))
 
 
-class Split(NamedTuple):
-    """One source of labelled frames."""
-
-    name: str
-    training: Labelled
-    held_out: Labelled
-
-
-def load_sources(options: ParseOptions) -> list[Split]:
-    """The training and held-out frames of each source, annotated ones last.
+def load_sources(options: ParseOptions) -> list[tuple[str, Labelled, Labelled]]:
+    """The name, the training and the held-out frames of each source, annotated ones last.
 
     The last quarter of every sequence of pairs is held out. ConfigError if there is no source.
     """
@@ -173,7 +160,7 @@ def load_sources(options: ParseOptions) -> list[Split]:
         found.append((sources.annotations, pictures, held))
     if not found:
         raise ConfigError("parse: expected --pairs or --annotations with --photos, got none")
-    return [Split(name, data.pick(~held), data.pick(held)) for name, data, held in found]
+    return [(name, data.pick(~held), data.pick(held)) for name, data, held in found]
 
 
 def ends(names: Sequence[str], share: float) -> np.ndarray:
@@ -207,7 +194,7 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
     for file in files:
         values = cv2.resize(label_of(file), size[::-1], interpolation=cv2.INTER_NEAREST)
         values = np.where(values < classes, values, VOID).astype(np.uint8)
-        truth.append(labels.from_simulator(values) if simulated else values)
+        truth.append(np.array(labels.of_simulator, np.uint8)[values] if simulated else values)
     return Labelled(np.array([file.stem for file in files]), frames, np.stack(truth))
 
 

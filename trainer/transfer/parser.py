@@ -68,16 +68,15 @@ def train_parser(out: Path, run: ParseOptions, console: Console) -> None:
 
     ConfigError if there is nothing to learn from.
     """
-    splits = load_sources(run)
-    parser = teach(run, [split.training for split in splits], out / "checkpoint.pt", console)
+    names, training, held_out = zip(*load_sources(run), strict=True)
+    parser = teach(run, training, out / "checkpoint.pt", console)
     save_parser(parser, out / "parser.pt")
-    held_out, paint, scores = splits[-1].held_out, parser.labels.paint, []
-    count = len(held_out.names)
-    shown = held_out.pick(spread(count, min(SHEET_ROWS, count)))
+    count, paint, scores = len(held_out[-1].names), parser.labels.paint, []
+    shown = held_out[-1].pick(spread(count, min(SHEET_ROWS, count)))
     found = paint(parser.parse(shown.frames))
     columns = {"frame": shown.frames, "classes found": found, "true classes": paint(shown.truth)}
     draw_sheet(out / "sheet.png", columns)
-    for name, _, test in splits:
+    for name, test in zip(names, held_out, strict=True):
         score = score_classes(test.truth, parser.parse(test.frames), parser.labels, name)
         title = (
             f"{name}: mean IoU {score.mean_iou:.1%}, pixels {score.pixel_accuracy:.1%} "
@@ -200,11 +199,7 @@ def score_classes(
         accuracy = np.where(there > 0, hit / there, np.nan)
         iou = np.where(there > 0, hit / (there + guessed - hit), np.nan)
     rows = zip(labels.classes, there / matrix.sum(), accuracy, iou, strict=True)
-    return ParsingScore(
-        source,
-        len(truth),
-        float(hit.sum() / matrix.sum()),
-        float(np.nanmean(accuracy)),
-        float(np.nanmean(iou)),
-        tuple(ClassScore(name, float(p), float(a), float(i)) for name, p, a, i in rows),
-    )
+    each = tuple(ClassScore(name, float(p), float(a), float(i)) for name, p, a, i in rows)
+    told = hit.sum() / matrix.sum(), np.nanmean(accuracy), np.nanmean(iou)
+    of_pixels, of_classes, mean_iou = map(float, told)
+    return ParsingScore(source, len(truth), of_pixels, of_classes, mean_iou, each)

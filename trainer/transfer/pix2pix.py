@@ -156,14 +156,11 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     else:
         other = _virtual(run.real, image, labels)
         real = Pairs(other.wanted, other.given)
-    to_parsing, to_real = (
-        teach_pairs(
-            Pix2Pix(PIX2PIX[run.net], run.seed),
-            *(pairs, run.steps, run.seed, out / f"{name}.pt", console),
-        )
-        for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real))
-    )
-    network, path = ThroughParsing(to_parsing, to_real, labels), out / "sim_to_real.onnx"
+    halves = []
+    for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real)):
+        model, kept = Pix2Pix(PIX2PIX[run.net], run.seed), out / f"{name}.pt"
+        halves.append(teach_pairs(model, pairs, run.steps, run.seed, kept, console))
+    network, path = ThroughParsing(halves[0], halves[1], labels), out / "sim_to_real.onnx"
     name, notes = out.resolve().name, ("through parsing",)
     contract = TranslatorContract("pix2pix", DIRECTIONS[0], image, name, run.steps, notes=notes)
     export_translator(network, contract, path)

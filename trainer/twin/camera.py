@@ -109,20 +109,17 @@ class Eye:
         return known, seen[0], (more - less) / (2.0 * self._small)[:, None, None]
 
 
-class Explained(NamedTuple):
-    """What a picture says of camera and pose: normal equations, and how much the map explains."""
+def explain(
+    planes: np.ndarray, eye: Eye, pose: np.ndarray, blur_px: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """How a picture's planes (pixels, 2) follow from what the eye draws at a pose (3,).
 
-    matrix: np.ndarray  # (G, G)
-    vector: np.ndarray  # (G,)
-    share: float  # of the picture's variance
-
-
-def explain(planes: np.ndarray, eye: Eye, pose: np.ndarray, blur_px: float) -> Explained:
-    """How a picture's planes (pixels, 2) follow from what the eye draws at a pose (3,)."""
+    Normal equations of camera and pose, (G, G) and (G,); the share of variance that is explained.
+    """
     known, cover, slopes = eye.look(pose, blur_px)
     matrix, vector = np.zeros((len(slopes), len(slopes))), np.zeros(len(slopes))
     if len(known) < 200:
-        return Explained(matrix, vector, 0.0)
+        return matrix, vector, 0.0
     terms, shaded = np.concatenate((_SHADING[known], cover), axis=1), _SHADING[known]
     left = whole = 0.0
     for plane in planes[known].T:
@@ -142,7 +139,7 @@ def explain(planes: np.ndarray, eye: Eye, pose: np.ndarray, blur_px: float) -> E
         plain = shaded @ np.linalg.lstsq(shaded, plane, rcond=None)[0]
         left += float((weights * missed**2).sum()) / sigma**2
         whole += float((weights * (plane - plain) ** 2).sum()) / sigma**2
-    return Explained(matrix, vector, max(0.0, 1.0 - left / max(whole, 1e-9)))
+    return matrix, vector, max(0.0, 1.0 - left / max(whole, 1e-9))
 
 
 class Fitted(NamedTuple):
@@ -226,19 +223,19 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
         now, _, _ = settle(views, values, now)
         eye, pairs = Eye(views.scene, values, camera_too=True), zip(views.planes, now, strict=True)
         found = [explain(planes, eye, pose, views.blur_px) for planes, pose in pairs]
-        least = 0.9 * np.median([each.share for each in found])
+        shares = [share for *_, share in found]
         matrix, vector = np.diag(1.0 / SPREAD**2), (USUAL - values) / SPREAD**2
-        for each, off in zip(found, views.poses - now, strict=True):
-            if each.share < least:
+        for (both, told, share), off in zip(found, views.poses - now, strict=True):
+            if share < 0.9 * np.median(shares):
                 continue
-            own = np.linalg.inv(each.matrix[count:, count:] + belief)
-            cross = each.matrix[:count, count:] @ own
-            matrix = matrix + each.matrix[:count, :count] - cross @ each.matrix[count:, :count]
-            vector = vector + each.vector[:count] - cross @ (each.vector[count:] + belief @ off)
+            own = np.linalg.inv(both[count:, count:] + belief)
+            cross = both[:count, count:] @ own
+            matrix = matrix + both[:count, :count] - cross @ both[count:, :count]
+            vector = vector + told[:count] - cross @ (told[count:] + belief @ off)
         change = np.clip(np.linalg.solve(matrix, vector), -SPREAD, SPREAD)
         values = np.clip(values + change, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
-    share = float(np.median([each.share for each in found]))
-    return Fitted(values, np.sqrt(np.diag(np.linalg.inv(matrix))), now, share)
+    sd = np.sqrt(np.diag(np.linalg.inv(matrix)))
+    return Fitted(values, sd, now, float(np.median(shares)))
 
 
 def settle(
@@ -252,9 +249,9 @@ def settle(
     now, roots, shares = begin.copy(), np.zeros((len(begin), 3, 3)), np.zeros(len(begin))
     for k, planes in enumerate(views.planes):
         for _ in range(steps):
-            seen = explain(planes, eye, now[k], views.blur_px)
-            own = seen.matrix + belief
-            step = np.linalg.solve(own, seen.vector + belief @ (views.poses[k] - now[k]))
+            matrix, vector, shares[k] = explain(planes, eye, now[k], views.blur_px)
+            own = matrix + belief
+            step = np.linalg.solve(own, vector + belief @ (views.poses[k] - now[k]))
             now[k] += np.clip(step, -POSE_SPREAD, POSE_SPREAD)
-        roots[k], shares[k] = np.linalg.cholesky(own).T, seen.share
+        roots[k] = np.linalg.cholesky(own).T
     return now, roots, shares

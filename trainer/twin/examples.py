@@ -57,7 +57,10 @@ def examples_of(
             if told is None and contract.path_points:
                 continue
             corrected = taken_s < TAKEOVER_S
-            right_pm = steered_pm if corrected or way is None else _pursued(way.path, poses[k])
+            right_pm = steered_pm
+            if way is not None and not corrected:
+                arc_m = way.path.project(*poses[k, :2].tolist()).arc_m + EXPERT_AHEAD_M
+                right_pm = float(pursuit(way.path.batch, poses[k, None], np.array([arc_m]))[0])
             weight = TAKEOVER_WEIGHT if corrected else 1.0
             image = preprocess(drive.images[k], contract.image)
             rows.append((image, told, right_pm, weight, steered_pm))
@@ -69,11 +72,6 @@ def examples_of(
         np.array(weights),
         np.array(steered),
     )
-
-
-def _pursued(path: Path, place: np.ndarray) -> float:
-    arc_m = path.project(*place[:2].tolist()).arc_m + EXPERT_AHEAD_M
-    return float(pursuit(path.batch, place[None], np.array([arc_m]))[0])
 
 
 class Way(NamedTuple):

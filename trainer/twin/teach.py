@@ -133,7 +133,16 @@ def teach(
             set_rate([optimiser], config.rate * (1.0 - 0.9 * step / config.steps))
             rows = rng.integers(count, size=config.batch)
             drawn = {name: part[rows] for name, part in seen.items()}
-            _update(network, optimiser, drawn, actions[rows], person, config.recorded, rng)
+            wanted = actions[rows]
+            if len(person.actions):
+                shares = person.weights / person.weights.sum()
+                chosen = rng.choice(len(person.actions), config.recorded, p=shares)
+                wanted = np.concatenate((wanted, person.actions[chosen]))
+                told: dict[str, Any] = {"image": person.images, "path": person.paths}
+                drawn = {n: np.concatenate((part, told[n][chosen])) for n, part in drawn.items()}
+            features = network.features({n: torch.from_numpy(part) for n, part in drawn.items()})
+            loss = cross_entropy(unhedged(network.head)(features), torch.from_numpy(wanted))
+            descend(optimiser, loss, 10.0)
     for world in worlds:
         world.close()
 
@@ -159,22 +168,3 @@ def _worlds(
         many = max(1, config.painted // len(maps))
         worlds.append(BatchWorld(task, looks, contract.image, seed + k, many))
     return worlds
-
-
-def _update(
-    network: GreedyNetwork,
-    optimiser: torch.optim.Optimizer,
-    seen: dict[str, np.ndarray],
-    actions: np.ndarray,
-    person: Examples,
-    recorded: int,
-    rng: np.random.Generator,
-) -> None:
-    if len(person.actions):
-        chosen = rng.choice(len(person.actions), recorded, p=person.weights / person.weights.sum())
-        actions = np.concatenate((actions, person.actions[chosen]))
-        told: dict[str, Any] = {"image": person.images, "path": person.paths}
-        seen = {name: np.concatenate((part, told[name][chosen])) for name, part in seen.items()}
-    features = network.features({name: torch.from_numpy(part) for name, part in seen.items()})
-    loss = cross_entropy(unhedged(network.head)(features), torch.from_numpy(actions))
-    descend(optimiser, loss, 10.0)

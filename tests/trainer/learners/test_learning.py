@@ -26,7 +26,7 @@ from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise
 from trainer.learners.actor_critic import ActorCriticConfig, entropies
 from trainer.learners.networks import GreedyNetwork
-from trainer.learners.policies import build_policy, learning_rates
+from trainer.learners.policies import build_policy, falling
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, load_policy, read_state, save_checkpoint
 from trainer.training.train import train
@@ -143,7 +143,7 @@ def test_the_learning_rate_falls_to_what_shall_be_left(tmp_path: Path) -> None:
     model.learn(2_000)
     rate = model.policy.optimizer.param_groups[0]["lr"]
     assert 0.1 - 1e-9 <= rate / config.learn.learning_rate < 0.25
-    assert learning_rates(config)(1.0) == config.learn.learning_rate
+    assert falling(config.learn.learning_rate, config.rate_left)(1.0) == config.learn.learning_rate
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "a2c"])

@@ -18,7 +18,7 @@ from sim_pybullet.scenery.objects import lane_poses
 from trainer.export import check_translator
 from trainer.transfer import parser, pictures
 from trainer.transfer.cli import ParseOptions, Source, Sources, ThroughOptions
-from trainer.transfer.cyclegan import _shifted, onnx_file
+from trainer.transfer.cyclegan import _shifted
 from trainer.transfer.labelled import VOID, Labelled, Photograph, Shape, draw, ends
 from trainer.transfer.parser import Parser, class_weights, draw_batch
 from trainer.transfer.pictures import Pictures, draw_sheet, load_paint, pictures_in, spread
@@ -275,9 +275,3 @@ def test_what_may_be_asked_of_trainings() -> None:
     told = (through.preset, through.net, through.steps, through.seed, through.task)
     assert told == ("fast", "small", 2000, 0, "lane")
     assert through.labels == "road"
-
-
-def test_names_of_translators() -> None:
-    out = Path("run")
-    assert onnx_file(out, "sim-to-real") == out / "sim_to_real.onnx"
-    assert onnx_file(out, "real-to-sim") == out / "real_to_sim.onnx"

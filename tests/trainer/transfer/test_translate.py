@@ -11,7 +11,7 @@ import torch
 from robot.inference.policy import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.presets import preset
-from trainer.transfer.cyclegan import Newest, onnx_file
+from trainer.transfer.cyclegan import Newest
 from trainer.transfer.judge import bright_lines, overlap
 from trainer.transfer.pictures import load_paint, load_pictures
 
@@ -28,8 +28,8 @@ def run(sim: Path, real: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 def test_leaves_translators_of_both_directions(run: Path) -> None:
     pictures = np.random.default_rng(0).integers(0, 256, (4, *FAST.shape), dtype=np.uint8)
-    for direction in DIRECTIONS:
-        translator = open_translator(onnx_file(run, direction), FAST, direction)
+    for direction, name in zip(DIRECTIONS, ("sim_to_real", "real_to_sim"), strict=True):
+        translator = open_translator(run / f"{name}.onnx", FAST, direction)
         assert translator.contract.trained_steps == 2
         translation = translator(pictures)
         assert translation.shape == pictures.shape
