@@ -40,8 +40,7 @@ class Seen(NamedTuple):
 
     @property
     def in_lane(self) -> np.ndarray:
-        """(N,) whether the robot rather stands in its lane; in the oncoming one, which a robot that
-        was turned round sees as well, it must not trust its place."""
+        """(N,) whether it rather stands in its lane: who was turned round sees the oncoming one."""
         return np.asarray((self.road > 0.5) & (self.figures[:, 0] <= LANE_M))
 
 

@@ -194,7 +194,8 @@ class RayCamera:
 class NoCamera:
     """In the place of a `RayCamera` for who needs no pictures: black dots."""
 
-    shape, device = (1, 1, 3), None
+    shape = (1, 1, 3)
+    device: str | None = None
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Nothing to do."""

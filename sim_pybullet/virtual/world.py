@@ -81,7 +81,6 @@ class VirtualWorld:
     ) -> None:
         self.around = np.full((len(movers), 3), np.nan)
         self.scene: Scene = build_scene(road_map, look, rng)
-        self.travelled_m = 0.0
         self._look, self._clock, self._rng = look, clock, rng
         self._tyre_rng = rng.spawn(1)[0]  # so that what the camera draws does not depend on wheels
         self._town = Town([self.scene.solids], 1, drive="wheels", dt_s=PHYSICS_DT_S)
@@ -131,10 +130,8 @@ class VirtualWorld:
         self._stepped_s += count * PHYSICS_DT_S
         rims_mps = self._rolled.since_last()
         for _ in range(count):
-            before = self._town.poses[0, :2]
             self._town.step(self._tyres.step(rims_mps[None], self._tyre_rng))
             self._feed.record(self._town.poses, self.around[None])
-            self.travelled_m += float(np.linalg.norm(self._town.poses[0, :2] - before))
 
     def see(self) -> np.ndarray:
         """The camera frame (120, 160, 3) uint8 RGB that arrives at this moment.

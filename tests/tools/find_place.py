@@ -129,7 +129,9 @@ def find(robot: Lonely, click: bool) -> Found:
         robot.click()
     departed, began_s = False, robot.clock.now()
     while robot.clock.now() - began_s < LONGEST_S and not robot.strayed:
+        before = robot.world.pose
         tick, navigator = robot.turn(), robot.navigator
+        found.driven_m += math.dist(before[:2], robot.world.pose[:2])
         assert navigator._finding is not None
         if navigator._finding._search is not None:
             found.junctions = navigator._finding._search.junctions
@@ -141,7 +143,7 @@ def find(robot: Lonely, click: bool) -> Found:
         if departed and tick.verdict.state is not State.AUTO:
             break
         departed = departed or (navigator.searches and robot.depart())
-    found.driven_m, found.strayed = robot.world.travelled_m, robot.strayed
+    found.strayed = robot.strayed
     found.sure = found.right is not None and not robot.navigator.searches
     found.end = robot.runtime.safety.verdict.sentence
     return found

@@ -87,7 +87,9 @@ def on_floor(points: Polyline, size: tuple[int, int], rig: CameraRig) -> np.ndar
 
 
 def dense(floor: np.ndarray, apart_m: float) -> np.ndarray:
-    """(K, 2) points so far apart along a line (M, 2)."""
+    """(K, 2) points so far apart along a line (M, 2); none of a point."""
+    if len(floor) < 2:
+        return np.empty((0, 2))
     arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(floor, axis=0).T))))
     ways = np.arange(0.0, arc[-1], apart_m)
     return np.stack([np.interp(ways, arc, floor[:, k]) for k in (0, 1)], axis=1)
@@ -103,10 +105,9 @@ def learned_from(photographs: Path) -> Pictures:
         if site.name in division().sites.judging:
             continue
         for drawn, frame in frames_of(site, photographs):
-            lane = lane_of(drawn, told.size)
-            if lane is not None and is_seen(*lane[:2]):
+            if (lane := lane_of(drawn, told.size)) and is_seen(*lane[:2]):
                 images.append(preprocess(frame, IMAGE))
-                labels.append(of_photograph(*lane, thing=drawn.thing))
+                labels.append(of_photograph(lane, drawn.thing))
     if not labels:
         raise ConfigError(f"{photographs}: expected photographs with lines of a lane, found none")
     return Pictures(np.stack(images), np.stack(labels))
@@ -114,11 +115,10 @@ def learned_from(photographs: Path) -> Pictures:
 
 def lane_of(drawn: Annotated, size: tuple[int, int]) -> tuple[float, float, float] | None:
     """Offset [m], heading [rad] and curvature [1/m] of the lane that fits; None: none does."""
-    lines = []
+    lines, rig = [], NOMINAL.rig()
     for beside_m, points in ((YELLOW_M, drawn.yellow[:1]), (WHITE_M, [drawn.white])):
-        for each in points:
-            floor = on_floor(each, size, NOMINAL.rig()) if each else np.empty((0, 2))
-            near = dense(floor, _APART_M) if len(floor) > 1 else floor
+        for each in filter(None, points):
+            near = dense(on_floor(each, size, rig), _APART_M)
             near = near[np.hypot(*near.T) < _NEAR_M]
             if len(near) >= _LEAST:
                 lines.append((beside_m, near))

@@ -36,10 +36,11 @@ NO_LINE_M = (0.06, 0.6)  # nearer or farther than these there is none
 THING_M, NO_THING_M = 0.5, 0.65  # from the nose: what must be seen, and beyond what nothing need
 START_SPREAD = 4.0
 _DISTURBED = 0.04  # chance of a disturbance in a decision, of 2 to 6 decisions
-IN_LANE_M = 0.14  # from its middle, at most
-_ELSEWHERE_M = 0.19
-_ONCOMING_M = 0.3  # to the left of it, at most: who is there, sees how to come back
-_BEYOND_M = 0.35
+IN_LANE_M, _ONCOMING_M = (
+    0.14,
+    0.3,
+)  # to either side of its middle; to the left, over the yellow line
+_ELSEWHERE_M, _BEYOND_M = 0.19, 0.35  # farther than these, nothing of it need be seen
 _ALONG_RAD, _ACROSS_RAD = 1.25, 1.5
 _STRAIGHT_ON_RAD = 0.35  # in a junction: who is turned farther has no way ahead that one could see
 _WORLDS = 2  # painted, of each map
@@ -60,12 +61,10 @@ def is_seen(offset_m: float, heading_rad: float) -> bool:
     return -IN_LANE_M <= offset_m <= _ONCOMING_M and abs(heading_rad) <= _ALONG_RAD
 
 
-def of_photograph(
-    offset_m: float, heading_rad: float, curvature_pm: float, thing: bool
-) -> np.ndarray:
-    """(12,) what is known of one that shows a lane, and whether something is on it."""
+def of_photograph(lane: Sequence[float], thing: bool) -> np.ndarray:
+    """(12,) what one shows: offset, heading and curvature of a lane, and if something is on it."""
     found = np.full(_COLUMNS, np.nan, np.float32)
-    found[:3] = offset_m, heading_rad, curvature_pm
+    found[:3] = lane
     found[LINE:] = -1.0, 1.0, float(thing), -1.0, 0.0, 0.0, 0.0
     return found
 
@@ -146,20 +145,18 @@ def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
     images, labels = [], []
     for road_map, world in zip(maps, pool.worlds, strict=True):
         view, others = LaneView(road_map), standing(world.scene.solids)
+        most = road_map.width_m + _MARGIN_M, road_map.height_m + _MARGIN_M, np.pi
         for k in range(1 + _BY_LANES):
             look = world.episode_look(rng)
             for i in range(_AT_ONCE):
                 camera.set_robot(i, world.scene, look.rig())
-            poses = _by_lanes(road_map, rng) if k else _around(road_map, rng)
+            poses = rng.uniform((-_MARGIN_M, -_MARGIN_M, -np.pi), most, (_AT_ONCE, 3))
+            if k > 0:
+                poses = _by_lanes(road_map, rng)
             seen = camera.render(poses)
             images.append(apply_sensor(seen, [look.sensor] * _AT_ONCE, rng, IMAGE.crop_top_px))
             labels += [label(view, pose, others) for pose in poses.tolist()]
     return Pictures(np.concatenate(images), np.stack(labels))
-
-
-def _around(road_map: RoadMap, rng: np.random.Generator) -> np.ndarray:
-    most = road_map.width_m + _MARGIN_M, road_map.height_m + _MARGIN_M, np.pi
-    return rng.uniform((-_MARGIN_M, -_MARGIN_M, -np.pi), most, (_AT_ONCE, 3))
 
 
 def _by_lanes(road_map: RoadMap, rng: np.random.Generator) -> np.ndarray:

@@ -202,8 +202,7 @@ def load_annotations(source: str) -> Annotations:
     """Annotations from a file, or the name of shipped ones; ConfigError if there are none."""
     path = Path(source) if Path(source).exists() else SHIPPED.get(source)
     if path is None:
-        said = nearest(source, SHIPPED)
-        raise ConfigError(f"annotations {source!r}: no such file; {said}")
+        raise ConfigError(f"annotations {source!r}: no such file; {nearest(source, SHIPPED)}")
     return load_yaml(Annotations, path)
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,14 @@ LEAST_PIXELS = 150  # by which a colour is known
 PURE = 0.97
 _CLIPPED = 253  # beyond that a sensor tells nothing
 STILL_LEVELS = 12.0  # greatest mean change between pictures of a robot that stands
-# (3,) of those of ``KINDS`` that were seen, as the pictures have them; vignetting; noise in grey
-# levels, None where the robot never stood.
-Colours = tuple[dict[str, np.ndarray], float, float | None]
+
+
+class Colours(NamedTuple):
+    """As the pictures have them."""
+
+    rgb: dict[str, np.ndarray]  # (3,) of those of ``KINDS`` that were seen
+    vignetting: float
+    noise: float | None  # grey levels; None where the robot never stood
 
 
 def members(drawn: np.ndarray) -> dict[str, np.ndarray]:
@@ -51,7 +57,7 @@ def fit_colours(images: np.ndarray, drawn: np.ndarray, still: Sequence[np.ndarra
         for kind in KINDS
         if len(levels[kind]) >= LEAST_PIXELS
     }
-    return rgb, shade, _noise(still)
+    return Colours(rgb, shade, _noise(still))
 
 
 def _vignetting(levels: np.ndarray, radii: np.ndarray) -> float:

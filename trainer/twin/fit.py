@@ -219,19 +219,19 @@ def _camera_of(camera: seen.Fitted, motion: moved.Motion) -> Found:
 
 def _colours_of(colours: Colours, width: float, unseen: list[str]) -> Found:
     found: Found = {}
-    rgb, vignetting, noise = colours
     for kind in ("asphalt", "white", "yellow", "outside"):
-        if kind in rgb:
-            found[f"ground.{kind}_rgb"] = np.round(rgb[kind], 1).tolist(), _COLOUR_LEVELS / 2.0
+        if kind in colours.rgb:
+            rgb = np.round(colours.rgb[kind], 1).tolist()
+            found[f"ground.{kind}_rgb"] = rgb, _COLOUR_LEVELS / 2.0
         else:
             unseen.append(f"colour of {kind}: too little of it in the pictures")
     unseen.append("exposure and white balance are in the colours, which are those of the pictures")
     found["ground.line_width_scale"] = width, 0.05
-    found["sensor.vignetting"] = vignetting, 0.03
-    if noise is None:
+    found["sensor.vignetting"] = colours.vignetting, 0.03
+    if colours.noise is None:
         unseen.append("noise: the robot never stood still")
     else:
-        found["sensor.noise"] = noise, 0.3
+        found["sensor.noise"] = colours.noise, 0.3
     return found
 
 
