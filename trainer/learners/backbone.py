@@ -11,7 +11,6 @@ from typing import Self, cast
 import numpy as np
 import onnx
 import torch
-from onnx import numpy_helper
 from stable_baselines3.common.utils import get_device
 from torch import nn
 
@@ -61,7 +60,7 @@ def read_backbone(path: Path) -> Backbone:
     remedy = "take a sight in FP32, or a policy that has one for its backbone"
     open_network(path, remedy)  # what is absent or damaged ends here
     graph = onnx.load(str(path)).graph
-    values = {each.name: numpy_helper.to_array(each) for each in graph.initializer}
+    values = {each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
     nodes = [node for node in graph.node if node.op_type in ("Conv", "Gemm")][: len(_LAYERS)]
     layers = [[values[name] for name in node.input[1:] if name in values] for node in nodes]
     if [node.op_type for node in nodes] != _LAYERS or any(len(each) != 2 for each in layers):

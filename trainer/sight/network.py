@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
-from onnx import numpy_helper
 from torch import nn
 from torch.nn import functional as f
 
@@ -116,7 +115,7 @@ def learned(path: Path) -> SightNetwork:
     network.body = nn.Sequential(*read_backbone(path)).requires_grad_()
     values = {each.name: each for each in onnx.load(str(path)).graph.initializer}
     for name, part in network.head.named_parameters():
-        part.data = torch.from_numpy(numpy_helper.to_array(values[f"head.{name}"]).copy())
+        part.data = torch.from_numpy(onnx.numpy_helper.to_array(values[f"head.{name}"]).copy())
     return network
 
 

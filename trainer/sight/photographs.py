@@ -124,8 +124,7 @@ def lane_of(drawn: Annotated, size: tuple[int, int]) -> tuple[float, float, floa
                 lines.append((beside_m, near))
     if not lines:
         return None
-    starts = [np.array((0.0, turn_rad, 0.0)) for turn_rad in (-0.6, 0.0, 0.6)]
-    fits = [least_squares(_misfit, start, args=(lines,)) for start in starts]
+    fits = [least_squares(_misfit, (0.0, turn, 0.0), args=(lines,)) for turn in (-0.6, 0.0, 0.6)]
     best = min(fits, key=lambda fit: float(fit.cost)).x
     off_m = np.concatenate([_off(best, *line) for line in lines])
     return tuple(best.tolist()) if math.sqrt(np.mean(off_m**2)) < _MISFIT_M else None

@@ -47,7 +47,7 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     )
     torch.manual_seed(run.seed)
     network = learned(Path(run.base)) if run.base else SightNetwork()
-    optimiser = torch.optim.AdamW(network.parameters())
+    optimiser = torch.optim.AdamW(network.parameters(), _ON_RATE if run.base else _RATE)
     parts = {"network": network, "optimiser": optimiser}
     step = lesson(network, optimiser, training, run, photographs)
     run_steps(out / "checkpoint.pt", parts, run.steps, run.seed, step, "sight", console)
@@ -95,10 +95,9 @@ def lesson(
 ) -> Callable[[np.random.Generator, int], str]:
     """One step of the training, for `trainer.resumable.run_steps`."""
     count = round(_PHOTOGRAPHS * run.batch) if photographs else 0
-    most = _ON_RATE if run.base else _RATE
 
     def step(rng: np.random.Generator, number: int) -> str:
-        rate = most * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
+        rate = optimiser.defaults["lr"] * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
         set_rate([optimiser], rate * min(1.0, (number + 1) / _WARM))
         parts = [drawn(pictures, run.batch - count, rng)]
         if photographs:
