@@ -145,14 +145,13 @@ def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
     images, labels = [], []
     for road_map, world in zip(maps, pool.worlds, strict=True):
         view, others = LaneView(road_map), standing(world.scene.solids)
+        least = -_MARGIN_M, -_MARGIN_M, -np.pi
         most = road_map.width_m + _MARGIN_M, road_map.height_m + _MARGIN_M, np.pi
         for k in range(1 + _BY_LANES):
             look = world.episode_look(rng)
             for i in range(_AT_ONCE):
                 camera.set_robot(i, world.scene, look.rig())
-            poses = rng.uniform((-_MARGIN_M, -_MARGIN_M, -np.pi), most, (_AT_ONCE, 3))
-            if k > 0:
-                poses = _by_lanes(road_map, rng)
+            poses = _by_lanes(road_map, rng) if k else rng.uniform(least, most, (_AT_ONCE, 3))
             seen = camera.render(poses)
             images.append(apply_sensor(seen, [look.sensor] * _AT_ONCE, rng, IMAGE.crop_top_px))
             labels += [label(view, pose, others) for pose in poses.tolist()]
