@@ -36,10 +36,7 @@ NO_LINE_M = (0.06, 0.6)  # nearer or farther than these there is none
 THING_M, NO_THING_M = 0.5, 0.65  # from the nose: what must be seen, and beyond what nothing need
 START_SPREAD = 4.0
 _DISTURBED = 0.04  # chance of a disturbance in a decision, of 2 to 6 decisions
-IN_LANE_M, _ONCOMING_M = (
-    0.14,
-    0.3,
-)  # to either side of its middle; to the left, over the yellow line
+IN_LANE_M, _ONCOMING_M = 0.14, 0.3  # to either side of its middle; to the left, beyond yellow
 _ELSEWHERE_M, _BEYOND_M = 0.19, 0.35  # farther than these, nothing of it need be seen
 _ALONG_RAD, _ACROSS_RAD = 1.25, 1.5
 _STRAIGHT_ON_RAD = 0.35  # in a junction: who is turned farther has no way ahead that one could see

@@ -38,6 +38,8 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
         refuse_judging_look(look)
     if take_up(SightRun, out, True, lambda: run) != run:
         raise ConfigError(f"{out}: expected the options of the run there; choose another --out")
+    torch.manual_seed(run.seed)
+    network = learned(Path(run.base)) if run.base else SightNetwork()
     photographs = learned_from(Path(run.photographs)) if run.photographs else None
     maps = division().maps
     training = gathered(out / "training", maps.training, run.look, run.files, run.seed, console)
@@ -45,8 +47,6 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     chosen = gathered(
         out / "choosing", maps.choosing, looks, run.choosing_files, run.seed + 1, console
     )
-    torch.manual_seed(run.seed)
-    network = learned(Path(run.base)) if run.base else SightNetwork()
     optimiser = torch.optim.AdamW(network.parameters(), _ON_RATE if run.base else _RATE)
     parts = {"network": network, "optimiser": optimiser}
     step = lesson(network, optimiser, training, run, photographs)

@@ -198,6 +198,13 @@ def test_a_run_that_was_cut_off_goes_on_and_another_is_refused(tmp_path: Path) -
     assert (out / "sight_int8.onnx").exists()
 
 
+def test_a_base_that_is_no_sight_is_refused_before_pictures_are_gathered(tmp_path: Path) -> None:
+    for base in (tmp_path / "none.onnx", SHIPPED.with_name("lane_ppo.onnx")):
+        out = tmp_path / f"run_{base.stem}"
+        assert main(["train-sight", "--out", str(out), "--base", str(base)]) == 2
+        assert not (out / "training").exists()
+
+
 def test_sight_never_learns_in_looks_that_it_is_judged_in(tmp_path: Path) -> None:
     words = ["train-sight", "--out", str(tmp_path / "run"), "--look", "reality"]
     assert main(words) == 2
