@@ -17,16 +17,29 @@ from contextlib import suppress
 from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from threading import Thread
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from robot.command_line import one_line
-from robot.errors import ConfigError
+from robot.errors import ConfigError, DuckpilotError
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 ANSWER_S = 15.0  # that a cluster may take to answer
 _LEAVE_S = 5.0  # that processes get to leave in order
 _LOOK_S = 0.1  # between two looks whether any have ended
 _TRY = "import sys, ray; ray.init(sys.argv[1], log_to_driver=False, logging_level='ERROR')"
+
+
+class Part(Protocol):
+    """A part of some work, the same whoever does it, which other processes can be sent."""
+
+    def done(self) -> bool:
+        """Whether its file is there, whole."""
+
+    def write(self) -> None:
+        """Do it, and write its file."""
+
+
+AnyPart = TypeVar("AnyPart", bound=Part)
 
 
 class Ended(NamedTuple):
@@ -148,6 +161,42 @@ def at_once(
                 going.remove(each)
                 yield each[1], ended
         time.sleep(_LOOK_S)
+
+
+def shared(parts: Iterable[AnyPart], most: int | None = None) -> Iterator[AnyPart]:
+    """Do what is not done, so many at a time, else one on each core; each part, once it is done.
+
+    In this process, where there is nothing to share. Errors as of the parts.
+    """
+    left = list[AnyPart]()
+    for part in parts:
+        if part.done():
+            yield part
+        else:
+            left.append(part)
+    processes = LocalProcesses()
+    most = min(most or processes.cores, len(left))
+    try:
+        orders = [(part, os.getcwd()) for part in left] if most > 1 else []
+        for (part, _), _ in at_once(processes, most, _write, orders):
+            left.remove(part)
+            if not part.done():  # killed, or refused; then it is here, where that is told
+                part.write()
+            yield part
+    finally:
+        processes.close()
+    for part in left:
+        part.write()
+        yield part
+
+
+def _write(part: Part, folder: str) -> None:
+    """In a process that is for nothing else."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the affair of who asked
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # in order
+    os.chdir(folder)
+    with suppress(DuckpilotError):
+        part.write()
 
 
 def connect(address: str) -> Any:

@@ -94,7 +94,9 @@ class TorchSensors(Sensors):
     def _averaged(self, light: torch.Tensor, kernels: list[np.ndarray], axis: int) -> torch.Tensor:
         """Along an axis, each with its own weights (2 R + 1,); edges repeat."""
         radius = max(map(len, kernels)) // 2
-        weights = np.stack([np.pad(kernel, radius - len(kernel) // 2) for kernel in kernels])
+        weights = np.zeros((len(kernels), 2 * radius + 1))
+        for row, kernel in zip(weights, kernels, strict=True):
+            row[radius - len(kernel) // 2 :][: len(kernel)] = kernel
         place = torch.arange(light.shape[axis], device=self._device)
         total = torch.zeros_like(light)
         for k, weight in enumerate(self._sent(weights).float().T):

@@ -9,7 +9,6 @@ import hashlib
 import json
 import os
 import shutil
-import signal
 import sys
 import sysconfig
 import tempfile
@@ -22,10 +21,9 @@ from typing import Any, NamedTuple, Protocol
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
-from robot.errors import DuckpilotError
 from robot.output import write_text
 from trainer.judging.films import Filmed, Scene, film_worst
-from trainer.processes import LocalProcesses, at_once
+from trainer.processes import shared
 
 ROBOTS = 20  # at once
 _CODE = tuple(Path(__file__).parents[2] / name for name in ("robot", "sim_pybullet", "trainer"))
@@ -73,6 +71,10 @@ class Block(NamedTuple):
             return told["rows"], films
         return None
 
+    def done(self) -> bool:
+        """Whether they are there."""
+        return self.read() is not None
+
 
 def drive_blocks(
     order: Order,
@@ -88,12 +90,12 @@ def drive_blocks(
     Processes share the blocks that the folder lacks: so many, else one for each core. Who is killed
     is no loss. DuckpilotError as of the order's.
     """
-    most, name, size = workers or LocalProcesses().cores, digest(order), max(ROBOTS // group, 1)
+    name, size = digest(order), max(ROBOTS // group, 1)
     parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
     blocks = [Block(order, p, folder / f"{name}_{p[0]}_{len(p)}.json") for p in parts]
     with Progress(*_COLUMNS, console=console) as bar:
         row = bar.add_task(title, total=group * len(seeds))
-        for block in _driven(blocks, most):
+        for block in shared(blocks, workers):
             bar.advance(row, group * len(block.seeds))
     rows, films = list[Any](), list[Filmed]()
     for block in blocks:
@@ -102,35 +104,6 @@ def drive_blocks(
         rows += whole[0]
         films += whole[1]
     return rows, films
-
-
-def _driven(blocks: Sequence[Block], most: int) -> Iterator[Block]:
-    """Each as soon as it is there; in this process, where there is nothing to share."""
-    left = [block for block in blocks if block.read() is None]
-    yield from (block for block in blocks if block not in left)
-    if min(most, len(left)) < 2:
-        for block in left:
-            block.write()
-            yield block
-        return
-    processes = LocalProcesses()
-    try:
-        orders = [(block, os.getcwd()) for block in left]
-        for (block, _), _ in at_once(processes, most, _perform, orders):
-            if block.read() is None:  # killed, or refused; then it is here, where that is told
-                block.write()
-            yield block
-    finally:
-        processes.close()
-
-
-def _perform(block: Block, folder: str) -> None:
-    """Drive a block in this process, which is for nothing else."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the affair of who asked
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # in order
-    os.chdir(folder)
-    with suppress(DuckpilotError):
-        block.write()
 
 
 @contextmanager

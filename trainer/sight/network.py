@@ -15,7 +15,7 @@ from trainer.learners.backbone import HALF, Twice, centred, read_backbone
 from trainer.sight import pictures as shown
 from trainer.sight.pictures import FIGURES, IMAGE, Pictures
 
-CHANNELS = (24, 48, 96)
+CHANNELS = (32, 64, 128)
 _HIDDEN = 192
 _SURE, _KINDS = 2 * FIGURES, 2 * FIGURES + 3  # where columns of probabilities begin
 # Middle and spread of the figures, in which the network speaks.
@@ -105,7 +105,8 @@ class SightNetwork(nn.Module):
     def see(self, images: np.ndarray) -> np.ndarray:
         """(N, 18) of pictures (N, 40, 80, 3) uint8."""
         parts = np.array_split(images, max(1, len(images) // _AT_ONCE))
-        return np.concatenate([self(torch.from_numpy(part)).numpy() for part in parts])
+        device = self.scale.device
+        return np.concatenate([self(torch.from_numpy(p).to(device)).cpu().numpy() for p in parts])
 
 
 def learned(path: Path) -> SightNetwork:

@@ -37,7 +37,7 @@ from trainer.sight.pictures import (
     drive,
     label,
 )
-from trainer.sight.train import lesson
+from trainer.sight.train import Batches, lesson
 
 TOWN = load_map("town")
 
@@ -123,9 +123,8 @@ def test_it_learns_and_its_uncertainty_is_scaled_to_its_errors(driven: Pictures)
     torch.manual_seed(0)
     network = SightNetwork()
     optimiser = torch.optim.AdamW(network.parameters(), 1e-3)
-    run = SightRun(steps=60, batch=48)
     torch.set_num_threads(1)
-    step = lesson(network, optimiser, driven, run, None)
+    step = lesson(network, optimiser, Batches(driven, None, SightRun(steps=60, batch=48)))
     told = [float(step(np.random.default_rng(k), k).split()[-1]) for k in range(60)]
     assert np.mean(told[-10:]) < np.mean(told[:10]) - 1.0
     calibrate(network, driven)
