@@ -1,7 +1,5 @@
 """Rolling by counted steps, and the person beside the robot who watches it and answers."""
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from typing import NamedTuple

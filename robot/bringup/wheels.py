@@ -1,7 +1,5 @@
 """The calibrations for which the robot must move: what a person sees, and the figures from it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, Callable, Dict, Tuple
