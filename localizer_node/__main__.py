@@ -1,7 +1,5 @@
 """``python -m localizer_node {run,calibrate,locate}``."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math
@@ -107,7 +105,7 @@ def locate_command(arguments: argparse.Namespace) -> None:
         print("no robot found")
 
 
-def _located(found: List[Detection], arguments: argparse.Namespace) -> Dict[str, Any]:
+def _located(found: List["Detection"], arguments: argparse.Namespace) -> Dict[str, Any]:
     best = to_plain(found[0]) if found else {"confidence": 0.0}
     keys = ("robot", "x_m", "y_m", "heading_rad", "confidence")
     return {

@@ -1,7 +1,5 @@
 """Make a ``Calibration`` from points of the floor whose pixels are known; refuse a bad one."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 Pixels are (u, v) of the raw picture, u right, v down, (0, 0) the centre of the top-left pixel.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Dict, Literal, Tuple

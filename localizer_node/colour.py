@@ -1,7 +1,5 @@
 """Coloured blobs: HSV mask, connected components, centroids to a fraction of a pixel."""
 
-from __future__ import annotations
-
 from typing import List, NamedTuple, Tuple
 
 import cv2

@@ -4,8 +4,6 @@ Sizes are compared in metres, after the lens and the board's height are undone. 
 of the 36h11 family, by OpenCV's aruco module (Olson 2011; Garrido-Jurado 2014).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The localizer: pictures of the overhead camera in, poses of the robots out."""
 
-from __future__ import annotations
-
 import logging
 from typing import List, Optional, Tuple
 

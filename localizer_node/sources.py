@@ -1,7 +1,5 @@
 """Pictures for the localizer: a USB or CSI camera, a video file, or a folder of pictures."""
 
-from __future__ import annotations
-
 import re
 import time
 from contextlib import closing

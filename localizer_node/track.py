@@ -4,8 +4,6 @@ Time is what the caller passes: seconds of one monotonic clock. A pose is told a
 fuses it with the steps of the wheels filters it, once.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Sequence, Tuple

@@ -1,7 +1,5 @@
 """``python -m robot``: the robot's commands."""
 
-from __future__ import annotations
-
 import sys
 
 from robot.cli import main

@@ -1,7 +1,5 @@
 """What every command line shares: wrong input ends in one line on stderr and exit status 2."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import errno

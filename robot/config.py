@@ -1,7 +1,5 @@
 """``RobotConfig``: everything about one robot, as its YAML file says it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Literal, Optional

@@ -3,8 +3,6 @@
 One place, so that a policy that drives in simulation meets the same numbers on the robot.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass, field
@@ -69,7 +67,7 @@ class Stick(NamedTuple):
         return DRIVE.wheels(Twist(self.speed * _FULL.forward_mps, self.steer * _FULL.turn_radps))
 
     @classmethod
-    def of(cls, wheels: WheelSpeeds) -> Stick:
+    def of(cls, wheels: WheelSpeeds) -> "Stick":
         """The stick that asks for these wheels."""
         twist = DRIVE.twist(wheels)
         return cls(twist.turn_radps / _FULL.turn_radps, twist.forward_mps / _FULL.forward_mps)

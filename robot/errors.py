@@ -1,7 +1,5 @@
 """Errors a person can act on: what was expected, what came, and what would have been right."""
 
-from __future__ import annotations
-
 import difflib
 from typing import Iterable
 

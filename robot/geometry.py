@@ -4,8 +4,6 @@ World frame: metres, x east, y north, heading counter-clockwise from x in (-pi, 
 Robot frame: origin on the floor below the middle of the wheel axle, x forward, y left, z up.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple, Tuple, Union
@@ -45,7 +43,7 @@ class Pose(NamedTuple):
         y = self.y_m + s * points[..., 0] + c * points[..., 1]
         return np.stack((x, y), axis=-1)
 
-    def moved(self, forward_m: float, turn_rad: float) -> Pose:
+    def moved(self, forward_m: float, turn_rad: float) -> "Pose":
         """The pose after an arc of length ``forward_m`` that turns by ``turn_rad`` (exact)."""
         half = turn_rad / 2.0
         chord = forward_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
@@ -53,7 +51,7 @@ class Pose(NamedTuple):
         heading = float(wrap_angle(self.heading_rad + turn_rad))
         return Pose(self.x_m + chord * math.cos(angle), self.y_m + chord * math.sin(angle), heading)
 
-    def arc_to(self, other: Pose) -> Tuple[float, float]:
+    def arc_to(self, other: "Pose") -> Tuple[float, float]:
         """What to give ``moved`` to come to a pose on an arc from here: [m], [rad]."""
         forward_m, left_m = self.to_robot(np.array(other[:2]))
         turn_rad = float(wrap_angle(other.heading_rad - self.heading_rad))

@@ -4,8 +4,6 @@ Camera frame as in OpenCV: x right, y down, z forward. Robot frame: x forward, y
 Pixel (0, 0) is the centre of the top-left pixel.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -50,7 +48,7 @@ class Lens:
             [[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]]
         )
 
-    def scaled(self, width_px: int, height_px: int) -> Lens:
+    def scaled(self, width_px: int, height_px: int) -> "Lens":
         """The same lens read out at another picture size (pixel areas, not centres, scale)."""
         sx, sy = width_px / self.width_px, height_px / self.height_px
         return replace(
@@ -176,7 +174,7 @@ class Hanging:
     tilt_rad: Tuple[float, float] = (0.0, 0.0)  # about picture-right and picture-down
 
     @classmethod
-    def of(cls, position_m: np.ndarray, rotation: np.ndarray) -> Hanging:
+    def of(cls, position_m: np.ndarray, rotation: np.ndarray) -> "Hanging":
         """From a place (3,) [m], and a rotation (3, 3) of the camera's directions into the frame's.
 
         As the tilt has no part about the optical axis, the yaw is the twist about that.
@@ -233,13 +231,6 @@ class CameraRig:
 
 
 # The lens of the Duckietown simulator and robots: 111 x 84 degrees (a calibration of a real robot).
-DUCKIEBOT_LENS = Lens(
-    "plumb_bob",
-    640,
-    480,
-    305.5718893575089,
-    308.8338858195428,
-    303.0797142544728,
-    231.8845403702499,
-    (-0.2, 0.0305, 0.0005859930422629722, -0.0006697840226199427, 0.0),
-)
+_AXES_PX = (305.5718893575089, 308.8338858195428, 303.0797142544728, 231.8845403702499)
+_BENT = (-0.2, 0.0305, 0.0005859930422629722, -0.0006697840226199427, 0.0)
+DUCKIEBOT_LENS = Lens("plumb_bob", 640, 480, *_AXES_PX, _BENT)

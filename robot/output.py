@@ -1,7 +1,5 @@
 """Files that are there whole or not at all; and whether they can be written, before the work."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """What the runtime is put together from, as protocols, and what it tells about each turn."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Callable, NamedTuple, Optional, Protocol, Tuple
 

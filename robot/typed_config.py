@@ -4,8 +4,6 @@ Understands nested dataclasses, float, int, bool, str, bytes (in base64), tuples
 unions of these: all that a configuration file or a message of ours holds.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import dataclasses

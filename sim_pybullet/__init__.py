@@ -3,8 +3,6 @@
 Importing it registers the tasks' environments with Gymnasium by name, where there is Gymnasium.
 """
 
-from __future__ import annotations
-
 import importlib.util
 
 if importlib.util.find_spec("gymnasium"):

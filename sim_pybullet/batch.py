@@ -1,7 +1,5 @@
 """``BatchWorld``: N robots that learn one task, each in an episode of its own, stepped together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -35,7 +33,7 @@ class Finished(NamedTuple):
 
     robots: np.ndarray  # (M,) indices, ascending
     observation: Observation  # the last of the ended episode
-    metrics: tuple[DriveMetrics, ...]  # of the ended episode
+    metrics: tuple["DriveMetrics", ...]  # of the ended episode
 
 
 class BatchStep(NamedTuple):

@@ -1,7 +1,5 @@
 """``make demo``: train, export, evaluate and drive through virtual hardware, before your eyes."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
@@ -49,7 +47,7 @@ def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
     )
 
 
-def run_stage(stage: Stage, console: Console) -> float:
+def run_stage(stage: Stage, console: "Console") -> float:
     """Run one stage unless its result is there; wall-clock seconds it took."""
     console.rule(f"[bold]{stage.title}")
     if stage.result.exists():
@@ -85,7 +83,7 @@ def summarise(out: Path, total_s: float) -> dict[str, Any]:
     }
 
 
-def show(metrics: dict[str, Any], out: Path, console: Console) -> None:
+def show(metrics: dict[str, Any], out: Path, console: "Console") -> None:
     """A short table, and the page to open."""
     from rich.table import Table
 

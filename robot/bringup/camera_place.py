@@ -4,8 +4,6 @@ A rigid camera over a flat floor: least squares of the reprojection error in pix
 Levenberg-Marquardt (Hartley and Zisserman, Multiple View Geometry, 2nd ed., A6.2).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Callable, List, Optional, Tuple

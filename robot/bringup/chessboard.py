@@ -1,7 +1,5 @@
 """The printed chessboard: pictures of it, and the lens and its mount that they tell."""
 
-from __future__ import annotations
-
 import math
 from contextlib import closing
 from pathlib import Path

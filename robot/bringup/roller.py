@@ -1,10 +1,8 @@
 """Rolling by counted steps, and the person beside the robot who watches it and answers."""
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Tuple
 
 from robot.computer.clock import Clock
 from robot.errors import ConfigError, HardwareError
@@ -51,13 +49,6 @@ class Prompts:
             raise ConfigError("expected a person who answers, got the end of the input") from error
 
 
-class Rolled(NamedTuple):
-    """How far each wheel went by its steps [m]."""
-
-    left_m: float
-    right_m: float
-
-
 class Roller:
     """Rolls each wheel a given way and stops there, within a step or two.
 
@@ -69,8 +60,11 @@ class Roller:
         self.config = config
         self.clock = clock
 
-    def roll(self, left_m: float, right_m: float, speed_mps: float) -> Rolled:
-        """Both arrive together, neither above ``speed_mps``; HardwareError: no steps come."""
+    def roll(self, left_m: float, right_m: float, speed_mps: float) -> Tuple[float, float]:
+        """How far each went [m]: both arrive together, neither above ``speed_mps``.
+
+        HardwareError: no steps come.
+        """
         began = self.motors.counts
         longest_m = max(abs(left_m), abs(right_m))
         lead = 0 if abs(left_m) == longest_m else 1
@@ -82,7 +76,7 @@ class Roller:
                 break
             if self.clock.now() > give_up_s:
                 raise HardwareError(
-                    f"the wheels went {done.left_m:.3f} and {done.right_m:.3f} m instead of "
+                    f"the wheels went {done[0]:.3f} and {done[1]:.3f} m instead of "
                     f"{left_m:.3f} and {right_m:.3f} m; do the motors get their commands?"
                 )
             # Fast enough to arrive, slow enough to stop: half of the way is kept for the ramp.
@@ -103,6 +97,7 @@ class Roller:
             if self.motors.counts != last:
                 last, since_s = self.motors.counts, self.clock.now()
 
-    def _since(self, began: Steps) -> Rolled:
+    def _since(self, began: Steps) -> Tuple[float, float]:
         each = zip(self.motors.counts, began, self.config.wheel_steps_m)
-        return Rolled(*((now - start) * step_m for now, start, step_m in each))
+        left_m, right_m = ((now - start) * step_m for now, start, step_m in each)
+        return left_m, right_m

@@ -1,7 +1,5 @@
 """The calibrations for which the robot must move: what a person sees, and the figures from it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, Callable, Dict, Tuple
@@ -74,8 +72,7 @@ def guide_trim(roller: Roller, person: Prompts) -> Values:
     """On the floor: a straight drive, and where it ended."""
     free = f"its axle's middle marked, with {DRIVE_M + 0.5:g} m free ahead"
     _start(person, f"Is the robot on the floor along a straight line, {free}?")
-    rolled = roller.roll(DRIVE_M, DRIVE_M, SPEED_MPS)
-    way_m = 0.5 * (rolled.left_m + rolled.right_m)
+    way_m = 0.5 * sum(roller.roll(DRIVE_M, DRIVE_M, SPEED_MPS))
     person.tell(f"By its steps it drove {100 * way_m:.1f} cm. Measure the axle's middle again.")
     ahead_m = person.number("How many cm AHEAD along the line is it?") / 100.0
     left_m = person.number("How many cm to the LEFT of the line (right: negative)?") / 100.0
@@ -88,8 +85,8 @@ def guide_baseline(roller: Roller, person: Prompts) -> Values:
     baseline_m = roller.config.drive.baseline_m
     way_m = math.pi * baseline_m * SPOT_TURNS
     person.tell(f"It turns to the LEFT {SPOT_TURNS} times now.")
-    rolled = roller.roll(-way_m, way_m, SPEED_MPS)
-    turned_rad = (rolled.right_m - rolled.left_m) / baseline_m
+    left_m, right_m = roller.roll(-way_m, way_m, SPEED_MPS)
+    turned_rad = (right_m - left_m) / baseline_m
     beyond = person.number("How many DEGREES beyond the line does it look (too short: negative)?")
     short_rad = turned_rad - 2.0 * math.pi * SPOT_TURNS
     return baseline_from_turns(roller.config, turned_rad, math.radians(beyond) - short_rad)

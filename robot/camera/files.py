@@ -1,7 +1,5 @@
 """Pictures from and to files: one, a folder of them, or a video."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Iterator, List, Union
 

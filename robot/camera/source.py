@@ -3,8 +3,6 @@
 Streams are of USB cameras by OpenCV, CSI ones by GStreamer, and virtual ones behind a socket.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import select

@@ -5,8 +5,6 @@ for: switching the motors off must not wait for numpy. Exit status 0: done; 2: w
 one line; 130: Ctrl-C; 1: anything else.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from typing import List, Optional

@@ -1,7 +1,5 @@
 """Measure this computer as a robot: decisions, imports and memory, the loop's punctuality."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

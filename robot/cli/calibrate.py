@@ -4,8 +4,6 @@ trim and baseline move the robot while a person watches; camera and lens look at
 chessboard, which target writes. What is implausible is refused, and nothing written.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import re

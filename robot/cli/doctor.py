@@ -3,8 +3,6 @@
 Nothing moves and nothing is written to any device. Exit status 1 when something FAILs.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path

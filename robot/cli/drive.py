@@ -1,7 +1,5 @@
 """Drive. The robot starts DISARMED; a person arms it here or at the monitor."""
 
-from __future__ import annotations
-
 import argparse
 import logging
 import queue

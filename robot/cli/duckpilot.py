@@ -4,8 +4,6 @@ It hands the words on to the program that ``python -m`` starts, too, imported wh
 With Python 3.8 it offers the robot's commands and the localizer's.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from importlib.util import find_spec

@@ -4,8 +4,6 @@ A picture of any size is cut to its middle 4:3 and resized by area to the 160x12
 as a real camera's pictures are. A navigating policy is given a path straight ahead.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any, Dict, List, Tuple

@@ -4,8 +4,6 @@ Run it in a checkout with the Python (3.8 or newer) that the robot shall use, an
 update. A configuration stays as it is. The service starts with the computer, DISARMED; not now.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

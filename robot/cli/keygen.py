@@ -3,8 +3,6 @@
 Nothing is ever overwritten. Copy each folder to its machine, and delete the rest.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -5,8 +5,6 @@ heat the coils of a robot that was killed. It imports smbus2 and little else. It
 another program drives, which notices, stops, and stays off until a person clears its fault.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from pathlib import Path

@@ -4,8 +4,6 @@ Ctrl-C ends it at any moment: the wheels brake and the coils go off. Exit status
 failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Time by a clock that nobody can set, and waiting by it, also for another thread."""
 
-from __future__ import annotations
-
 import math
 import os
 import select

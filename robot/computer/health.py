@@ -1,7 +1,5 @@
 """How the robot's computer is: temperature, disk, memory, load; each judged ok, warn or bad."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from contextlib import suppress

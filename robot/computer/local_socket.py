@@ -1,7 +1,5 @@
 """Unix sockets to virtual hardware in another process."""
 
-from __future__ import annotations
-
 import errno
 import socket
 

@@ -1,7 +1,5 @@
 """This computer, as the checks see it. Looks only: nothing is written to any device."""
 
-from __future__ import annotations
-
 import glob
 import platform
 import socket

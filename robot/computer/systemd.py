@@ -4,8 +4,6 @@ That it is ready, that its loop turns, and in which state it is: one datagram ea
 that systemd names (man 3 sd_notify); no library is needed.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """Threads beside the control loop: whatever ends one before its time, somebody hears of it."""
 
-from __future__ import annotations
-
 import threading
 from typing import Optional, TypeVar
 

@@ -6,8 +6,6 @@ outputs; its register auto-increment is on and outputs change on STOP, so that o
 run of channels at once. It has no watchdog: outputs stay as they are until somebody writes.
 """
 
-from __future__ import annotations
-
 import errno
 import glob
 import os
@@ -161,7 +159,7 @@ class Pca9685:
         self._where = f"{bus.name}: PCA9685 at 0x{address:02X}"
 
     @classmethod
-    def find(cls, bus: I2cBus, address: int, clock: Clock) -> Optional[Pca9685]:
+    def find(cls, bus: I2cBus, address: int, clock: Clock) -> Optional["Pca9685"]:
         """The PCA9685 at ``address``; None when nobody answers, or somebody else.
 
         Reads registers and never writes: a Tegra bus cannot send the empty message that other
@@ -180,7 +178,7 @@ class Pca9685:
         return chip if mode2 & 0xE0 == 0 and pre_scale >= FASTEST_PRE_SCALE else None
 
     @classmethod
-    def probe(cls, bus: I2cBus, addresses: Sequence[int], clock: Clock) -> Pca9685:
+    def probe(cls, bus: I2cBus, addresses: Sequence[int], clock: Clock) -> "Pca9685":
         """The first of ``addresses`` where ``find`` finds one; HardwareError without any."""
         for address in addresses:
             chip = cls.find(bus, address, clock)

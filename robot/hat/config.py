@@ -8,8 +8,6 @@ would die between the pulses: a twentieth is left at half duty. A winding withou
 inputs low.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Dict, Literal, Tuple

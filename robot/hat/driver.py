@@ -1,7 +1,5 @@
 """The motors as the runtime sees them: wheel speeds in, steps and a pose out, off when in doubt."""
 
-from __future__ import annotations
-
 import math
 from contextlib import contextmanager
 from typing import Iterator, Optional
@@ -45,7 +43,7 @@ class MotorDriver:
         self._release_s: Optional[float] = None  # when a braking robot's coils are switched off
         self.fault: Optional[BaseException] = None  # since which all is off, until ``open``
 
-    def __enter__(self) -> MotorDriver:
+    def __enter__(self) -> "MotorDriver":
         self.open()
         return self
 

@@ -1,7 +1,5 @@
 """Two steppers on a PCA9685 and TB6612 HAT: every change of the coils is one bus transaction."""
 
-from __future__ import annotations
-
 from itertools import chain, cycle
 from typing import Dict, Optional, Sequence
 

@@ -5,8 +5,6 @@ change gradually (Acarnley, Stepping Motors, 4th ed., chapters 5 and 6). Positio
 solved in closed form from the last change of target, so that no error gathers with time.
 """
 
-from __future__ import annotations
-
 import math
 from typing import List, NamedTuple, Optional, Tuple
 

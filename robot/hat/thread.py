@@ -5,8 +5,6 @@ Two programs that drive one HAT would take turns at its coils. So whoever drives
 switching off (``robot off``) need not own it.
 """
 
-from __future__ import annotations
-
 import fcntl
 import os
 import threading
@@ -67,7 +65,7 @@ class MotorThread(Worker):
         self._turns = 0
         self._silence = Silence(WAKINGS, TURN_S)
 
-    def __enter__(self) -> MotorThread:
+    def __enter__(self) -> "MotorThread":
         self._driver.open()
         return super().__enter__()
 

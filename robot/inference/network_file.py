@@ -1,7 +1,5 @@
 """An ONNX file as a network: loaded, its metadata read, its inputs and outputs compared."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Generic, Iterable, NamedTuple, Tuple, Type, TypeVar, Union
 
@@ -26,7 +24,7 @@ class Tensor(NamedTuple):
         axes = ", ".join("N" if axis is None else str(axis) for axis in self.axes)
         return f"{self.name} {self.kind} ({axes})"
 
-    def fits(self, got: Tensor) -> bool:
+    def fits(self, got: "Tensor") -> bool:
         """Whether ``got`` is this tensor, with a free batch axis; other free axes may be ours."""
         return (
             got.kind == self.kind

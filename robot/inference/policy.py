@@ -8,8 +8,6 @@ makes real pictures look simulated. Whatever makes the file, CycleGAN or pix2pix
 contract.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from pathlib import Path

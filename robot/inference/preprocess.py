@@ -1,7 +1,5 @@
 """From a camera frame to the picture a policy sees: the same bytes in simulation and for real."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, ImageSpec

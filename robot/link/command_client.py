@@ -1,7 +1,5 @@
 """The operator's hand: sends commands, collects the answers, repeats STOP until it is acked."""
 
-from __future__ import annotations
-
 import math
 import secrets
 import time

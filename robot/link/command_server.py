@@ -1,7 +1,5 @@
 """The robot's ear: commands of monitors, each done once, old ones refused, one hand at a time."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import OrderedDict

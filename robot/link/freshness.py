@@ -3,8 +3,6 @@
 Silence gives no error on a network: only age does, and docs/links.md tells how that is counted.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter, deque
 from typing import Deque, Optional, Tuple

@@ -7,8 +7,6 @@ owner says of itself. ``AllowList`` asks for it (ZAP, ZeroMQ RFC 27): every boun
 domain of its own, the name of its stream, so that it is known what somebody wants.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import string
@@ -133,7 +131,7 @@ class AllowList:
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],
+        context: "zmq.Context[zmq.Socket[bytes]]",
         keys: Keys,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:

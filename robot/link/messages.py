@@ -6,8 +6,6 @@ stamps them. A command echoes the robot's clock, as the sender last heard it (do
 The pose follows SSL-Vision's detection frame (t_capture, t_sent, confidence, x, y, orientation).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar, Optional, Tuple

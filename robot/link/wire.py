@@ -4,8 +4,6 @@ A receiver refuses what it does not know (schema, keys, kinds) rather than guess
 come it raises nothing but ``ContractError``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -3,8 +3,6 @@
 Told nothing, it looks for its place all over the map; told roughly, it drives until it is sure.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Optional
 

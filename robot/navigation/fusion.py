@@ -19,8 +19,6 @@ was taken, and the motion since is replayed. N robots at once: the simulator run
 of the robot.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Callable, List, Tuple

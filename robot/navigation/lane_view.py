@@ -5,8 +5,6 @@ if its lane led on across the tile: corners and red lines tell where that lies, 
 turns changes from one to the other half-way.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
@@ -73,7 +71,7 @@ class LaneView:
 
     def _lane(
         self, x_m: float, y_m: float, heading_rad: float
-    ) -> Optional[Tuple[_Chain, float, Tuple[float, float, float]]]:
+    ) -> Optional[Tuple["_Chain", float, Tuple[float, float, float]]]:
         """The nearest lane that leads ahead, how far along it, offset, turn, and its direction."""
         near = self._index.near(x_m, y_m)
         turned = np.asarray(wrap_angle(heading_rad - near.heading_rad))
@@ -137,7 +135,7 @@ class LaneView:
         open_ways = "".join(way for way, side in ways.items() if side in other.road_sides)
         return KINDS.index(_WAYS.get(open_ways, "none"))
 
-    def _follow(self, lane: Lane, begins: Dict[Tuple[int, int], Lane]) -> _Chain:
+    def _follow(self, lane: Lane, begins: Dict[Tuple[int, int], Lane]) -> "_Chain":
         """A lane and those after it, up to a junction or for `_REACH_M`."""
         t, kind, length_m = np.linspace(0.0, 1.0, _POINTS), 0, 0.0
         arcs_m: List[np.ndarray] = []

@@ -3,8 +3,6 @@
 What each is made of says ``objects.yaml``; what reaches into a lane closes it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

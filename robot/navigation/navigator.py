@@ -5,8 +5,6 @@ believes to be; then it follows that path until it arrives or has left it. A rob
 turn, but drives in another lane, is led on from there.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Callable, Optional, Tuple

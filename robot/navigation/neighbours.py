@@ -4,8 +4,6 @@ All robots of an arena hear the same poses, so they agree on who came first to a
 localizer's clock, without a word between them.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import replace

@@ -5,8 +5,6 @@ angles to the ten nearest points ahead on the path, between -45 and 45 degrees, 
 for navigation gets them beside the picture.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
@@ -47,7 +45,7 @@ class Path:
     length_m: float
 
     @classmethod
-    def from_beziers(cls, curves: Sequence[np.ndarray], closed: bool = False) -> Path:
+    def from_beziers(cls, curves: Sequence[np.ndarray], closed: bool = False) -> "Path":
         """A path along cubic Beziers, each (4, 2) [m], that follow one another.
 
         Points are `SPACING_M` apart at most. PlanError: no curves, or a gap above `MAX_GAP_M`.
@@ -101,7 +99,7 @@ class Path:
         return np.column_stack((self.points_m[starts], vector, inverse, heading, turn))
 
     @cached_property
-    def batch(self) -> PathBatch:
+    def batch(self) -> "PathBatch":
         """This path as a batch of one."""
         return PathBatch((self,))
 

@@ -5,8 +5,6 @@ through a tile. Traffic keeps right, so the two directions over one border are t
 joins them: a route cannot contain a U-turn (paper A, section 3.3).
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 from dataclasses import dataclass

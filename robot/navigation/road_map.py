@@ -12,8 +12,6 @@ two exceptions that follow the map files' own meaning:
   meets the next tile 11 degrees askew (its issue 227).
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -4,8 +4,6 @@ Bands as on Duckietown's mats: yellow 0.2 tiles to the left of a lane's middle, 
 right; a junction has white corners, a white edge along its closed side and no yellow.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Tuple

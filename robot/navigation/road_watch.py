@@ -1,7 +1,5 @@
 """What lies before the robot, for the rules of the road: on a map, or in its lane by sight."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Callable, Optional, Tuple

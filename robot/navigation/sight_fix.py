@@ -5,8 +5,6 @@ as states; the rest is given a larger variance, as much as errors that keep a sh
 from one picture to the next are worth: (1 + r) / (1 - r) (Bartlett 1935, for the mean of such).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Iterator, Sequence, Tuple
 

@@ -14,8 +14,6 @@ far:
 Three poses in a row must contradict three others in a row: an outlier is no reason to stop.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import Deque, List, NamedTuple, Tuple

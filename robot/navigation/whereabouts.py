@@ -7,8 +7,6 @@ Kristensen, IEEE Transactions on Robotics and Automation 17, 2001). The likelies
 on the map, but the road there is as the one that is seen: along that the robot drives on.
 """
 
-from __future__ import annotations
-
 import math
 from typing import List, NamedTuple, Optional, Tuple
 

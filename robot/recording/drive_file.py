@@ -4,8 +4,6 @@ Chunks are closed and handed to the disk at every ``flush``: whatever kills the 
 power, all before the last flush stays readable (https://mcap.dev/spec).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform

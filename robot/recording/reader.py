@@ -4,8 +4,6 @@ A person marks good and bad pieces of a drive; what is bad is no sample, and is 
 function raises ConfigError where there is no such file, or no MCAP.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

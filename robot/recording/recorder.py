@@ -1,7 +1,5 @@
 """Records every drive, beside the control loop and never in its way (docs/recording.md)."""
 
-from __future__ import annotations
-
 import errno
 import itertools
 import logging

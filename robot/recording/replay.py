@@ -5,8 +5,6 @@ last bits of a network's sums differ (Higham, Accuracy and Stability of Numerica
 section 4.2), so there only the choices must agree, as far as they were no toss-up.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -4,8 +4,6 @@ Pictures, poses and log lines follow Foxglove's well-known schemas, so that its 
 (https://docs.foxglove.dev/docs/visualization/message-schemas).
 """
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import math
@@ -80,7 +78,7 @@ class Turn:
         return {key: value for key, value in to_plain(self).items() if value is not None}
 
     @classmethod
-    def of(cls, tick: Tick) -> Turn:
+    def of(cls, tick: Tick) -> "Turn":
         """What a tick tells."""
         values, inputs, frame, drive = tick.values, tick.inputs, tick.frame, tick.drive
         if values is not None and not np.isfinite(values).all():

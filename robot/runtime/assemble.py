@@ -1,7 +1,5 @@
 """From a configuration to a robot that can drive: opens what it names, and closes it again."""
 
-from __future__ import annotations
-
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A runtime that drives nowhere: the loop itself is measured, in a process of its own."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import pkgutil

@@ -4,8 +4,6 @@ https://www.kernel.org/doc/html/latest/input/joydev/joystick-api.html; axes and 
 Xbox pad. While LB is held the left stick drives; letting go of it stops.
 """
 
-from __future__ import annotations
-
 import errno
 import math
 import os

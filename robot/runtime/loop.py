@@ -4,8 +4,6 @@ Whatever goes wrong in any part, the motors have stopped by the end of the same 
 stopped until a person has cleared the fault and armed again.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

@@ -1,7 +1,5 @@
 """The operator behind the link, as the runtime knows one."""
 
-from __future__ import annotations
-
 import math
 from typing import Optional, Tuple
 

@@ -1,7 +1,5 @@
 """What the robot says about itself after every turn, for the monitor."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Callable, Optional, Tuple
 

@@ -1,7 +1,5 @@
 """The loop on time: its deadlines, and a second thread that looks whether it still turns."""
 
-from __future__ import annotations
-
 from typing import Callable
 
 from robot.computer.clock import Clock

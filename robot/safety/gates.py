@@ -4,8 +4,6 @@ Ages are by the robot's own monotonic clock, from arrival. An age that is NaN or
 that jumped) counts as too old.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -106,7 +104,7 @@ class Inputs:
     not_moving: bool = False  # the wheels step, the overhead poses stay where they are
     duplicate_publisher: bool = False
 
-    def aged(self, by_s: float) -> Inputs:
+    def aged(self, by_s: float) -> "Inputs":
         """The same, with pose and operator so much older [s]."""
         pose_s, link_s = self.pose_age_s, self.link_age_s
         return replace(

@@ -3,8 +3,6 @@
 Pictures or overhead poses fill it in; a rule never sees either.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import Enum

@@ -6,8 +6,6 @@ the robot down (a late pose, a lost link), to FAULT when the robot itself is in 
 ever left without a person.
 """
 
-from __future__ import annotations
-
 from enum import Enum
 from typing import Callable, Dict, FrozenSet, NamedTuple, Optional, Tuple
 

@@ -4,8 +4,6 @@ The figures leave the whole action table free, so that a policy drives for real 
 simulation; they catch what no policy asks for.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ when enough of it differs by more than noise from the last one that had moved. T
 is that of `robot.vision.road_fit`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple, Optional, Tuple
 

@@ -6,8 +6,6 @@ would be if somebody had mirrored, turned, sheared or shifted it. The measure is
 paint with what stands out in brightness and in yellow: without lines, it says nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import replace

@@ -5,8 +5,6 @@ of the target probability distribution, ICNN 1994). Frames and signs are those o
 `robot.navigation.lane_view`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable, NamedTuple, Optional, Tuple, Union

@@ -1,7 +1,5 @@
 """Time that moves only when told to: for tests and for simulation faster than real time."""
 
-from __future__ import annotations
-
 import math
 
 from robot.hat.driver import MotorDriver

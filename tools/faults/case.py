@@ -1,7 +1,5 @@
 """A fault as a row of ``cases.yaml``, and what came of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -20,7 +18,7 @@ FAMILIES = tuple(name for name in TABLE if name not in ("page", "met"))
 STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step
 
 
-def nothing(_: Stage) -> None:
+def nothing(_: "Stage") -> None:
     """Neither breaks nor mends."""
 
 
@@ -67,7 +65,7 @@ def _act(known: dict[str, Any], name: str, told: Any) -> Act:
 
 
 @contextmanager
-def sets(stage: Stage, part: str, **values: object) -> Iterator[None]:
+def sets(stage: "Stage", part: str, **values: object) -> Iterator[None]:
     """Change attributes of a part of the stage."""
     of = attrgetter(part)(stage)
     before = {name: getattr(of, name) for name in values}

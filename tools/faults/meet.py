@@ -1,7 +1,5 @@
 """Meets the faults that were asked for, one after the other."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from itertools import groupby

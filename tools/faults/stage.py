@@ -3,8 +3,6 @@
 With a localizer that can do what a real one must not: be late, jump, contradict itself.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import secrets
@@ -120,7 +118,7 @@ class Stage:
         self._driver = Driver(self.bench, self.rng)
         self.bench.town.world.place(self.start)
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> "Stage":
         self.bench.__enter__()
         return self
 

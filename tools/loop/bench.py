@@ -1,7 +1,5 @@
 """``Bench``: the town, and robot, localizer and monitor as processes of their own."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import signal
@@ -88,7 +86,7 @@ class Bench:
         write_yaml(folder / "arena.yaml", self.town.calibration)
         self.use_model(options.model)
 
-    def __enter__(self) -> Bench:
+    def __enter__(self) -> "Bench":
         with ExitStack() as stack:
             stack.callback(self.close)
             if not self.options.lockstep:

@@ -3,8 +3,6 @@
 The robot never computes it: its four cores have the camera, the motors and the next decision to do.
 """
 
-from __future__ import annotations
-
 import base64
 import threading
 from contextlib import suppress
@@ -65,7 +63,7 @@ class AttentionThread:
         self.newest = found
 
 
-def attention_of(explainer: Explainer, frame: np.ndarray) -> Attention:
+def attention_of(explainer: "Explainer", frame: np.ndarray) -> Attention:
     """The grid over a frame (120, 160, 3) uint8 RGB."""
     weights = weights_over(explainer, frame)
     grid = cv2.resize(weights, (GRID_COLUMNS, GRID_ROWS), interpolation=cv2.INTER_AREA)
@@ -73,7 +71,7 @@ def attention_of(explainer: Explainer, frame: np.ndarray) -> Attention:
     return Attention(GRID_ROWS, GRID_COLUMNS, base64.b64encode(cells.tobytes()).decode("ascii"))
 
 
-def weights_over(explainer: Explainer, frame: np.ndarray) -> np.ndarray:
+def weights_over(explainer: "Explainer", frame: np.ndarray) -> np.ndarray:
     """Where the policy looks in a frame, in [0, 1]; 0 in the rows that it does not see."""
     spec = explainer.contract.image
     weights = np.zeros((spec.height_px, spec.width_px), np.float32)

@@ -1,7 +1,5 @@
 """The command of the monitor, and its options; imports nothing heavy."""
 
-from __future__ import annotations
-
 import secrets
 import signal
 import socket

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from robot.errors import ConfigError, nearest
+from robot.errors import expect_one_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -89,7 +89,6 @@ class Algorithm:
 
 def find_algorithm(name: str) -> Algorithm:
     """The algorithm of that name; ConfigError with the nearest if there is none."""
-    if name not in NAMES:
-        raise ConfigError(f"algorithm: unknown {name!r}; {nearest(name, NAMES)}")
+    expect_one_of("algorithm", name, NAMES)
     found: Algorithm = importlib.import_module(f"{__name__}.{name}").ALGORITHM
     return found
