@@ -112,32 +112,23 @@ def test_light_falls_off_to_one_side_and_into_shadow():
     assert picture[spot[1], spot[0]] == pytest.approx(50, abs=2)
 
 
-@pytest.mark.parametrize("kind", ROBOTS)
-def test_robots_in_the_arena_are_placed_within_a_centimetre_and_three_degrees(kind):
-    """Calibrated from clicks, in random light, among blue clutter; 240 frames in all."""
-    score = Score()
-    for seed in range(2):
-        drive(ROBOTS[kind], 40, seed, score, blue_things=kind != "plain")
-    assert score.wrong == 0
-    assert score.position_rms_mm <= 10.0
-    assert score.told > 0.9 * score.expected
-    assert len(score.heading_rad) == (score.told if kind != "plain" else 0)
-    assert kind == "plain" or score.heading_rms_deg <= 3.0
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ROBOTS)
-def test_no_wrong_robot_in_a_thousand_frames(kind):  # -rP shows the figures
+def test_robots_in_the_arena_are_placed_within_a_centimetre_and_three_degrees(kind):
+    """Calibrated from clicks, in random light, among blue clutter; -rP shows the figures."""
     score = Score()
-    for seed in range(count(200, 1_000) // HANGING_FRAMES):
-        drive(ROBOTS[kind], HANGING_FRAMES, seed, score, blue_things=kind != "plain")
+    hangings, frames = count(2, 5), count(HANGING_FRAMES // 4, HANGING_FRAMES)
+    for seed in range(hangings):
+        drive(ROBOTS[kind], frames, seed, score, blue_things=kind != "plain")
     print(
         f"{kind}: {score.told} of {score.expected} poses told, {score.wrong} wrong; position "
         f"{score.position_rms_mm:.1f} mm RMS, {1000 * max(score.position_m):.0f} at most"
     )
     assert score.wrong == 0
     assert score.position_rms_mm <= 10.0
-    assert score.told > 0.97 * score.expected
+    first = 2 * hangings * len(ROBOTS[kind])  # it tells nobody's before the third picture
+    assert score.told > 0.97 * (score.expected - first)
+    assert len(score.heading_rad) == (score.told if kind != "plain" else 0)
     if kind != "plain":
         worst_deg = math.degrees(max(score.heading_rad))
         print(f"heading {score.heading_rms_deg:.2f} degrees RMS, {worst_deg:.1f} at most")

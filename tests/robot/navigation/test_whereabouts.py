@@ -100,7 +100,7 @@ def found_right(seeds: range) -> List[bool]:
 
 
 def test_places_found_after_at_most_three_junctions_are_right() -> None:  # -rP shows how many
-    drives = count(6, 20)
+    drives = count(4, 20)
     right = found_right(range(drives))
     print(f"{sum(right)} of {len(right)} places found in {drives} drives were right")
     assert len(right) >= drives // 2

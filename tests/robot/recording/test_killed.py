@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 from robot.recording.reader import read_turns, recover_folder
+from tests import thorough
 
 SECOND = 1.0
+MANY = thorough.count(40, 100)
 
 
-@pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [4, pytest.param(MANY, marks=pytest.mark.slow)])
 def test_a_killed_recording_loses_its_last_second_at_most(tmp_path: Path, count: int) -> None:
     command = [sys.executable, "-m", "tests.robot.recording.killed", str(tmp_path), str(count)]
     subprocess.run(command, check=True)

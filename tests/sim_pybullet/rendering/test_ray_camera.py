@@ -1,5 +1,9 @@
 import math
+import os
+import subprocess
+import sys
 
+import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -114,6 +118,27 @@ def test_frames_repeat_and_share_no_memory() -> None:
     camera.render(poses[::-1])
     second[:] = 0
     assert_array_equal(first, kept)
+
+
+def draw_with_one_thread_and_with_two() -> None:
+    """For a process that may have two; the world is painted anew for each."""
+    poses = np.random.default_rng(0).uniform((0.5, 0.5, -3.0), (4.0, 4.0, 3.0), (5, 3))
+    drawn = []
+    for threads in (1, 2):
+        numba.set_num_threads(threads)
+        scene = build_scene(load_map("town"), NOMINAL, np.random.default_rng(0))
+        assert scene.solids
+        camera = camera_on(scene, NOMINAL.rig(), n=5)
+        some = camera.render(poses[:1], np.array([0]))
+        drawn.append((scene.ground.rgb, camera.render(poses), camera.segment(poses), some))
+    for one, two in zip(*drawn, strict=True):
+        assert_array_equal(one, two)
+
+
+def test_pictures_are_the_same_whether_one_thread_draws_or_two() -> None:
+    drawing = f"import {__name__} as it; it.draw_with_one_thread_and_with_two()"
+    two = {**os.environ, "NUMBA_NUM_THREADS": "2"}
+    subprocess.run([sys.executable, "-c", drawing], env=two, check=True)
 
 
 def test_robots_keep_their_own_scene_and_rig() -> None:

@@ -54,8 +54,10 @@ def alike(seen: torch.Tensor, expected: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("look", ["nominal", "randomised", "wide"])
-@pytest.mark.parametrize("size", IMAGES)
+@pytest.mark.parametrize(
+    ("size", "look"),
+    [("small", "nominal"), ("small", "randomised"), ("small", "wide"), ("whole", "randomised")],
+)
 def test_pictures_are_those_of_the_compiled_camera(size: str, look: str, device: str) -> None:
     compiled, drawn = cameras(IMAGES[size], device, look)
     for seed in range(3):

@@ -16,6 +16,7 @@ from tests.thorough import count
 
 MODELS = Path(__file__).parents[3] / "robot" / "models"
 NAVIGATORS = sorted(path.stem for path in MODELS.glob("nav_*.onnx"))
+IN_BOTH = [name for name in NAVIGATORS if f"{name}_int8" in NAVIGATORS]
 LARGEST_BYTES = 8_000_000
 ROBOTS = count(4, 10)
 
@@ -28,15 +29,24 @@ def test_it_is_small_and_has_a_card(path: Path) -> None:
     assert "python -m trainer train" in card.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", NAVIGATORS)
+def test_every_navigator_is_there_in_both_precisions() -> None:
+    assert sorted([*IN_BOTH, *(f"{name}_int8" for name in IN_BOTH)]) == NAVIGATORS
+
+
+@pytest.mark.parametrize("name", IN_BOTH)
 def test_it_arrives_in_a_town_it_never_saw_with_drifting_poses(name: str) -> None:
-    policy = OnnxPolicy(MODELS / f"{name}.onnx")
+    """Every other robot drives by the network in INT8."""
+    policies = [OnnxPolicy(MODELS / f"{name}{ending}.onnx") for ending in ("", "_int8")]
     looks = load_look_sampler("randomised", "arena")
     world = BatchWorld(Navigation([load_map("town")], ROBOTS), looks, ImageSpec(), 3, 4)
     observation, driving, arrived = world.reset(), np.ones(ROBOTS, dtype=bool), 0
     while driving.any():
-        pictures = preprocess_batch(observation.image, policy.contract.image)
-        step = world.step(policy.values(pictures, observation.path).argmax(axis=1))
+        chosen, paths = np.zeros(ROBOTS, dtype=int), observation.path
+        assert paths is not None
+        for k, policy in enumerate(policies):
+            pictures = preprocess_batch(observation.image[k::2], policy.contract.image)
+            chosen[k::2] = policy.values(pictures, paths[k::2]).argmax(axis=1)
+        step = world.step(chosen)
         ended = driving & (step.task.terminated | step.task.truncated)
         arrived += int((ended & step.task.success).sum())
         driving &= ~ended

@@ -73,8 +73,16 @@ def test_what_learners_are_shown_is_nearly_that() -> None:
     assert torch.equal(of_pictures, of_what_was_seen)
 
 
-@pytest.mark.parametrize("algorithm", ["dueling", "dagger", "ppo"])
-@pytest.mark.parametrize("task", ["lane", "navigation", "traffic"])
+@pytest.mark.parametrize(
+    ("task", "algorithm"),
+    [  # each task and each algorithm, those that keep pictures with and without a path
+        ("lane", "dueling"),
+        ("navigation", "dagger"),
+        ("navigation", "dueling"),
+        ("navigation", "ppo"),
+        ("traffic", "dagger"),
+    ],
+)
 def test_runs_learn_from_what_it_saw_and_drive_by_pictures(
     task: str, algorithm: str, tmp_path: Path
 ) -> None:

@@ -102,8 +102,11 @@ def test_a_replay_buffer_of_numbers_ends_with_its_pictures(
     assert rows == (25 if kept else 0)
 
 
-@pytest.mark.parametrize("backbone", [None, SIGHT])
-@pytest.mark.parametrize("task", ["lane", "navigation", "traffic"])
+@pytest.mark.parametrize(
+    ("task", "backbone"),
+    [("lane", None), ("lane", SIGHT), ("navigation", SIGHT), ("traffic", None)],
+    ids=["lane", "lane seen", "navigation seen", "traffic"],
+)
 def test_a_world_drawn_by_torch_is_the_same_world(task: str, backbone: str | None) -> None:
     """Rewards and ends are equal; of pictures learners see the same but for rounding."""
     options = TrainOptions(task, "ppo", "debug", look="randomised", backbone=backbone)
