@@ -7,7 +7,6 @@ whoever drives it. A finished one is a file, named after a digest of all that it
 
 import hashlib
 import json
-import os
 import shutil
 import sys
 import sysconfig
