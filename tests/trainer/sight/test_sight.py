@@ -134,6 +134,24 @@ def test_it_learns_and_its_uncertainty_is_scaled_to_its_errors(driven: Pictures)
     np.testing.assert_allclose(np.sqrt(np.nanmean(ratio[:, :4] ** 2, axis=0)), 1.0, atol=0.02)
 
 
+@pytest.mark.parametrize("cores", [1, 3])
+def test_batches_follow_from_seed_and_step_whoever_makes_them(
+    cores: int, driven: Pictures, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(cores))
+    batches = Batches(driven, driven, SightRun(steps=7, batch=17, seed=5))
+    made = list(batches.since(3))
+    assert len(made) == 4
+    for step, (images, labels) in zip(range(3, 7), made, strict=True):
+        wanted = batches[step]
+        assert torch.equal(images, wanted[0])
+        np.testing.assert_array_equal(labels.numpy(), wanted[1].numpy())
+        assert images.shape == (17, *IMAGE.shape)
+    assert not torch.equal(made[0][0], made[1][0])
+    other = Batches(driven, driven, SightRun(steps=7, batch=17, seed=6))
+    assert not torch.equal(other[3][0], made[0][0])
+
+
 def test_the_file_holds_its_contract_and_answers_in_columns(untaught: Path) -> None:
     sight = OnnxSight(untaught)
     assert (sight.contract.image, sight.contract.run) == (IMAGE, "none")
