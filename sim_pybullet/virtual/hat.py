@@ -44,7 +44,7 @@ class VirtualHat:
     def wheel_angles_rad(self) -> np.ndarray:
         """(2,) how far the left and the right wheel have rolled forward by now [rad]."""
         self._catch_up()
-        return np.array([s * r.angle_rad for s, r in zip(MOUNTING, self.rotors)])  # noqa: B905
+        return np.array([s * r.angle_rad for s, r in zip(MOUNTING, self.rotors)])
 
     @property
     def lost_steps(self) -> tuple[int, int]:
@@ -67,7 +67,7 @@ class VirtualHat:
 
     def _drive_coils(self) -> None:
         with self._lock:
-            for rotor, (wires_a, wires_b) in zip(self.rotors, (LEFT, RIGHT)):  # noqa: B905
+            for rotor, (wires_a, wires_b) in zip(self.rotors, (LEFT, RIGHT)):
                 a, b = self._coil(wires_a, rotor), self._coil(wires_b, rotor)
                 # Winding A is connected so that OUT2 high turns the rotor on to B.
                 rotor.drive(CoilDrive(-a.current, a.closed), b)

@@ -1,5 +1,7 @@
 """The virtual hardware's side of the sockets of `robot.hat.bus` and `robot.camera.source`."""
 
+from __future__ import annotations
+
 import contextlib
 import select
 import socket

@@ -5,6 +5,8 @@ somebody waits for, and those who are due run one after the other. So a drive is
 machine, however slow.
 """
 
+from __future__ import annotations
+
 import select
 import socket
 import time
