@@ -11,6 +11,7 @@ import pytest
 
 from robot.cli.install import SHIPPED_MODEL
 from robot.inference.policy import SHIPPED_MODELS
+from tests.thorough import count
 from tests.tools.pursuit import write_pursuit
 from tools.faults.meet import every_case
 from tools.faults.stage import Stage
@@ -45,18 +46,12 @@ def met(stage: Stage, family: str, name: str) -> float:
     return math.dist(stage.bench.town.pose[:2], stage.bench.town.second.pose[:2])
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "duck",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("other stops", "other's link dies")),
-    ],
-)
+@pytest.mark.parametrize("name", ["duck", "other's link dies", "other stops"][: count(2, 3)])
 def test_it_stands_before_who_stands_on_its_lane(stage: Stage, name: str) -> None:
     assert met(stage, "traffic", name) > 0.18
 
 
-@pytest.mark.parametrize("name", ["duck", pytest.param("other stops", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["other stops", "duck"][: count(1, 2)])
 def test_a_lane_keeper_stands_before_what_it_sees_and_says_so(keeper: Stage, name: str) -> None:
     assert met(keeper, "by sight", name) > 0.18
     assert "AUTO: something is" in keeper.bench.processes["robot"].said()

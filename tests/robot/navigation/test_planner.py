@@ -15,6 +15,7 @@ from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
 from robot.navigation.planner import LaneGraph, path_on, plan_path, plan_route
 from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
+from tests.thorough import count
 
 SIDES = {(1, 0): "E", (-1, 0): "W", (0, 1): "N", (0, -1): "S"}
 
@@ -40,7 +41,7 @@ def dijkstra(graph: LaneGraph, start: int) -> dict[int, float]:
 
 
 def check_against_dijkstra(graph: LaneGraph) -> None:
-    for start in range(graph.nodes):
+    for start in range(0, graph.nodes, count(5, 1)):
         cheapest = dijkstra(graph, start)
         for goal in range(graph.nodes):
             if goal in cheapest:

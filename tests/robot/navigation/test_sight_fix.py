@@ -327,6 +327,7 @@ def test_what_cannot_be_and_the_oncoming_lane_is_not_believed(
     assert fix.took_s[0] < 0.0, "it counts as no lane seen"
 
 
+@pytest.mark.slow
 def test_minutes_by_sight_alone_leave_the_covariance_one() -> None:
     """Rounding made it unequal to its transpose, more so with every picture, until it was none."""
     fusion, world = PoseFusion(config=FusionConfig(sight=True)), driving()

@@ -99,6 +99,7 @@ def found_right(seeds: range) -> List[bool]:
     return right
 
 
+@pytest.mark.slow
 def test_places_found_after_at_most_three_junctions_are_right() -> None:  # -rP shows how many
     drives = count(4, 20)
     right = found_right(range(drives))
@@ -141,6 +142,7 @@ def test_a_ring_without_junctions_tells_the_place_by_its_bends(name: str) -> Non
         assert abs(float(wrap_angle(place[0].heading_rad - truth.heading_rad))) < 0.35
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["loop", "rings/zigzag"])
 def test_a_ring_that_is_the_same_turned_half_round_does_not_and_that_is_said(name: str) -> None:
     for seed in range(count(1, 5)):
@@ -182,6 +184,7 @@ def test_a_navigator_that_nothing_tells_its_place_looks_for_it_and_then_plans() 
     assert math.dist(world.navigator.pose[:2], world.pose[:2]) < 0.15
 
 
+@pytest.mark.slow
 def test_meanwhile_the_way_on_lies_mostly_as_the_road_that_is_seen() -> None:
     """On each of three drives it differs, by as little as how a processor rounds."""
     good = [fits for seed in range(3) for fits in way_fits(np.random.default_rng(seed))]
