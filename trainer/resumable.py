@@ -29,13 +29,14 @@ def run_steps(
     step: Callable[[np.random.Generator, int], str],
     name: str,
     console: Console,
+    threads: int = 1,
 ) -> None:
     """Call ``step(rng, k)`` for each step not done yet; what it returns stands beside the bar.
 
     ``parts``, networks and optimisers, have state_dict and load_state_dict; they are kept in the
     file ``path``. Whoever stops it loses at most `SAVE_EVERY_S` of work.
     """
-    torch.set_num_threads(1)  # with a second one networks as small as ours are slower
+    torch.set_num_threads(threads)  # small networks, or few pictures, are slower with a second one
     first, saved = 0, time.monotonic()
     if path.exists():
         with loaded(path, "the checkpoint of this run", remedy=_REMEDY) as content:

@@ -56,7 +56,8 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     optimiser = torch.optim.AdamW(network.parameters(), _ON_RATE if run.base else _RATE)
     parts = {"network": network, "optimiser": optimiser}
     step = lesson(network, optimiser, Batches(training, photographs, run))
-    run_steps(out / "checkpoint.pt", parts, run.steps, run.seed, step, "sight", console)
+    state, cores = out / "checkpoint.pt", len(os.sched_getaffinity(0))
+    run_steps(state, parts, run.steps, run.seed, step, "sight", console, cores)
     calibrate(network, chosen)
     network.cpu()
     path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]
