@@ -41,12 +41,12 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     """Do what of a run is not done yet; ConfigError where another lies. Gives the ONNX file."""
     for look in run.look:
         refuse_judging_look(look)
-    if take_up(SightRun, out, True, lambda: run) != run:
-        raise ConfigError(f"{out}: expected the options of the run there; choose another --out")
     torch.manual_seed(run.seed)
     device = "cuda" if torch.cuda.is_available() else "cpu"
     network = (learned(Path(run.base)) if run.base else SightNetwork()).to(device)
     photographs = learned_from(Path(run.photographs)) if run.photographs else None
+    if take_up(SightRun, out, True, lambda: run) != run:
+        raise ConfigError(f"{out}: expected the options of the run there; choose another --out")
     maps = division().maps
     training = gathered(out / "training", maps.training, run.look, run.files, run.seed, console)
     looks = division().looks.choosing

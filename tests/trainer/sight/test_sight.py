@@ -215,11 +215,15 @@ def test_a_run_that_was_cut_off_goes_on_and_another_is_refused(tmp_path: Path) -
     assert (out / "sight_int8.onnx").exists()
 
 
-def test_a_base_that_is_no_sight_is_refused_before_pictures_are_gathered(tmp_path: Path) -> None:
-    for base in (tmp_path / "none.onnx", SHIPPED.with_name("lane_ppo.onnx")):
-        out = tmp_path / f"run_{base.stem}"
-        assert main(["train-sight", "--out", str(out), "--base", str(base)]) == 2
-        assert not (out / "training").exists()
+def test_wrong_input_is_refused_before_a_run_begins(tmp_path: Path) -> None:
+    wrong = [
+        ["--base", str(tmp_path / "none.onnx")],
+        ["--base", str(SHIPPED.with_name("lane_ppo.onnx"))],
+        ["--photographs", str(tmp_path)],
+    ]
+    for words in wrong:
+        assert main(["train-sight", "--out", str(tmp_path / "run"), *words]) == 2
+        assert not (tmp_path / "run").exists(), "the right words would be another run's"
 
 
 def test_sight_never_learns_in_looks_that_it_is_judged_in(tmp_path: Path) -> None:
