@@ -37,6 +37,10 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "episodes": (1, 10_000_000),
     "missions": (1, 100_000),
     "laps": (0.01, 10_000),
+    "seconds": (0.001, 10**9),
+    "drives": (1, 1_000_000),
+    "files": (1, 100_000),
+    "choosing_files": (1, 100_000),
     "held_out": (0.01, 0.99),
     "port": (1024, 65_535),
     "lap_drives": (1, 1_000_000),
@@ -193,7 +197,7 @@ def _check(command: str, options: Mapping[str, Any]) -> None:
     """
     every = dict(_flat(options))
     for name, value in every.items():
-        if name in _LIMITS and isinstance(value, (int, float)):
+        if name in _LIMITS and type(value) in (int, float):  # a flag may have such a name, too
             expect_between(name, value, *_LIMITS[name])
     out, files = every.get("out"), [every.get("json")]
     if out is not None and command in _OUT_IS_FILE:

@@ -205,8 +205,9 @@ class Piece(NamedTuple):
 
 def read_pieces(path: PathLike) -> Tuple[Piece, ...]:
     """What is marked in a recording, by time; ConfigError for what is no marks."""
+    about = read_about(path, MARKS)
     try:
-        plain = json.loads(read_about(path, MARKS).get("pieces", "[]"))
+        plain = json.loads(about.get("pieces", "[]"))
         pieces = tuple(Piece(float(a), float(b), str(kind)) for a, b, kind in plain)
     except (ValueError, TypeError) as error:
         raise ConfigError(f"{path}: expected marked pieces, got: {error}") from error

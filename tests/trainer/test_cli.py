@@ -1,10 +1,17 @@
+import dataclasses
+import importlib
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from trainer.cli import main
+from trainer.cli import _LIMITS, COMMANDS, Command, Group, main
+
+# Numbers whose limits their own configuration knows.
+CHECKED_THERE = {"judgings", "rate_left", "start_spread", "true_path", "size"}
 
 
 def test_wrong_names_are_one_line_and_status_2(
@@ -35,3 +42,40 @@ def test_an_output_that_cannot_be_is_status_2(
 def test_an_unknown_flag_is_status_2() -> None:
     command = [sys.executable, "-m", "trainer", "train", "--outt", "x"]
     assert subprocess.run(command, capture_output=True, check=False).returncode == 2
+
+
+def commands(group: Group) -> Iterator[Command]:
+    for each in group.values():
+        if isinstance(each, Command):
+            yield each
+        else:
+            yield from commands(each)
+
+
+def numbers(of: Any) -> Iterator[str]:
+    """Names of the numbers among the options of a command."""
+    for name, kind in get_type_hints(of).items():
+        if dataclasses.is_dataclass(kind):
+            yield from numbers(kind)
+        elif name != "return" and {int, float} & {kind, *get_args(kind)}:
+            yield name
+
+
+def test_every_number_has_its_limits() -> None:
+    for command in commands(COMMANDS):
+        module, name = command.place.split(":")
+        found = set(numbers(getattr(importlib.import_module(module), name)))
+        assert found <= _LIMITS.keys() | CHECKED_THERE, command.place
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["train-sight", "--files", "0"], ["teach", "drive.mcap", "--drives", "-1"]],
+)
+def test_a_number_out_of_its_range_is_told_before_any_work(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, "--out", str(tmp_path / "run")]) == 2
+    name = words[-2].strip("-")
+    assert f"{name}: expected 1 to" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

@@ -104,7 +104,7 @@ class Contest:
             raise ConfigError(
                 f"{path}: expected a policy, .onnx, expert or stand; there is no file"
             )
-        policy = open_policy(path)
+        policy = open_policy(path, "lane")
         if poses == "sight" and not bare:
             return Sighted(policy, OnnxSight(SHIPPED))
         return Pilot(policy) if bare else Governed(policy, poses)

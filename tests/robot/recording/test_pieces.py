@@ -98,3 +98,9 @@ def test_wrong_marks_are_refused(drive: Path) -> None:
         cut(drive, drive.with_name("none.mcap"))
     mark(drive, [])
     assert not drive.with_name("none.mcap").exists()
+
+
+def test_what_is_no_recording_is_told_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as told:
+        read_pieces(tmp_path / "none.mcap")
+    assert str(told.value).count("expected") == 1

@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robot.inference.policy import SHIPPED_MODELS
 from trainer.cli import main
 from trainer.judging import blocks
 from trainer.judging.challenge import Episode
 from trainer.judging.intervals import median, paired, share
 from trainer.judging.olympics import LaneFigures, Verdict
+
+RACER = str(SHIPPED_MODELS / "track_ppo.onnx")
 
 
 def test_shares_have_wilsons_interval() -> None:
@@ -117,6 +120,8 @@ def test_the_command_says_the_same_again_and_shows_the_worst(
         (["--model", "bare"], "bare: expected a policy, .onnx, expert or stand"),
         (["--model", "stand", "--challenge", "lfx"], "lfx"),
         (["--model", "stand", "--episodes", "0"], "episodes: expected"),
+        (["--model", "stand", "--seconds", "nan"], "seconds: expected"),
+        (["--model", RACER], "expected a policy for lane, got one for track"),
         (["--model", "stand", "--workers", "0"], "workers: expected 1 to"),
     ],
 )
