@@ -11,7 +11,7 @@ import pytest
 from trainer.cli import _LIMITS, COMMANDS, Command, Group, main
 
 # Numbers whose limits their own configuration knows.
-CHECKED_THERE = {"judgings", "rate_left", "start_spread", "true_path", "size"}
+CHECKED_THERE = {"judgings", "rate_left", "seconds", "start_spread", "true_path", "size"}
 
 
 def test_wrong_names_are_one_line_and_status_2(
