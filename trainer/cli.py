@@ -40,6 +40,7 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "drives": (1, 1_000_000),
     "files": (1, 100_000),
     "choosing_files": (1, 100_000),
+    "size": (1, 10_000),
     "held_out": (0.01, 0.99),
     "port": (1024, 65_535),
     "lap_drives": (1, 1_000_000),
@@ -196,8 +197,9 @@ def _check(command: str, options: Mapping[str, Any]) -> None:
     """
     every = dict(_flat(options))
     for name, value in every.items():
-        if name in _LIMITS and type(value) in (int, float):  # a flag may have such a name, too
-            expect_between(name, value, *_LIMITS[name])
+        for number in value if isinstance(value, tuple) else (value,):
+            if name in _LIMITS and type(number) in (int, float):  # a flag may be named so, too
+                expect_between(name, number, *_LIMITS[name])
     out, files = every.get("out"), [every.get("json")]
     if out is not None and command in _OUT_IS_FILE:
         files.append(out)

@@ -11,7 +11,7 @@ import pytest
 from trainer.cli import _LIMITS, COMMANDS, Command, Group, main
 
 # Numbers whose limits their own configuration knows.
-CHECKED_THERE = {"judgings", "rate_left", "seconds", "start_spread", "true_path", "size"}
+CHECKED_THERE = {"judgings", "rate_left", "seconds", "start_spread", "true_path"}
 
 
 def test_wrong_names_are_one_line_and_status_2(
@@ -69,13 +69,16 @@ def test_every_number_has_its_limits() -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
-    [["train-sight", "--files", "0"], ["teach", "drive.mcap", "--drives", "-1"]],
+    ("words", "name"),
+    [
+        (["train-sight", "--files", "0"], "files"),
+        (["teach", "drive.mcap", "--drives", "-1"], "drives"),
+        (["parse", "train", "--pairs", "pairs", "--size", "80", "0"], "size"),
+    ],
 )
 def test_a_number_out_of_its_range_is_told_before_any_work(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*words, "--out", str(tmp_path / "run")]) == 2
-    name = words[-2].strip("-")
     assert f"{name}: expected 1 to" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
