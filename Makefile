@@ -19,7 +19,8 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PY) -m pip install --progress-bar on --constraint constraints.txt --editable '.[trainer,monitor,scale,dev]'
 	@touch $@
 
-test: lint types layers pytest test38 package  ## everything that CI runs
+test: $(STAMP)  ## everything that CI runs, two parts at a time
+	@$(MAKE) --no-print-directory --jobs 2 lint types layers pytest test38 package
 
 lint: $(STAMP)  ## ruff: style and format
 	$(VENV)/bin/ruff check .
@@ -32,10 +33,10 @@ layers: $(STAMP)  ## the direction of imports
 	$(VENV)/bin/lint-imports
 
 pytest: $(STAMP)  ## the tests on Python 3.11
-	$(PY) -m pytest --numprocesses 2
+	$(PY) -m pytest --numprocesses 2 --dist worksteal
 
 explore: $(STAMP)  ## the property tests on examples drawn anew
-	HYPOTHESIS_PROFILE=explore $(PY) -m pytest --numprocesses 2
+	HYPOTHESIS_PROFILE=explore $(PY) -m pytest --numprocesses 2 --dist worksteal
 
 test38: $(STAMP)  ## the robot's tests on Python 3.8 with the Jetson Nano's wheels, where a 3.8 is found
 	@bash tools/test38.sh

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from robot.contract import ImageSpec
-from robot.lens import CameraRig
+from robot.lens import CameraRig, Lens
 from sim_pybullet.look import LightLook, SkyLook
 from sim_pybullet.scene import Scene, SemanticClass
 
@@ -54,16 +54,22 @@ class FloorTable(NamedTuple):
 @lru_cache(maxsize=256)
 def pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
     """The rays of the picture's pixels: the rig's lens read out at the picture's size, cropped."""
-    lens = rig.lens.scaled(image.width_px, image.height_px)
-    v, u = np.mgrid[image.crop_top_px : image.height_px, 0 : image.width_px]
-    pixels = np.stack((u, v), axis=-1).astype(np.float64)
-    rays = lens.unproject(pixels)
-    error = np.abs(lens.project(rays) - pixels).max(axis=-1)
-    seen = np.isfinite(rays).all(axis=-1) & (error < 0.5)
+    rays, seen = _lens_rays(rig.lens, image)
     directions = np.where(seen[..., None], rays @ rig.mount.rotation.T, (0.0, 0.0, 1.0))
     directions = directions.astype(np.float32)
     directions.setflags(write=False)
     return PixelRays(directions, seen)
+
+
+@lru_cache(maxsize=16)  # of rigs that differ in their mount alone
+def _lens_rays(lens: Lens, image: ImageSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Rays (H, W, 3) in the camera's frame, and where the lens has such a pixel (H, W)."""
+    lens = lens.scaled(image.width_px, image.height_px)
+    v, u = np.mgrid[image.crop_top_px : image.height_px, 0 : image.width_px]
+    pixels = np.stack((u, v), axis=-1).astype(np.float64)
+    rays = lens.unproject(pixels)
+    error = np.abs(lens.project(rays) - pixels).max(axis=-1)
+    return rays, np.isfinite(rays).all(axis=-1) & (error < 0.5)
 
 
 @lru_cache(maxsize=256)

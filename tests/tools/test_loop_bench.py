@@ -66,7 +66,7 @@ def test_a_fault_stops_the_robot_and_nothing_resumes(stage: Stage, family: str, 
 def test_whoever_drives_the_recording_tells_it(driver: str, tmp_path: Path) -> None:
     model = write_pursuit(tmp_path / "drifts.onnx", drift_per_m=6.0)
     words = ["--driver", driver, "--model", str(model), "--record", str(tmp_path / "drives")]
-    assert main([*words, "--seed", "3"]) == 0
+    assert main([*words, "--start", "0.132,2.156", "--goal", "0.5,0.2"]) == 0
     (drive,) = (tmp_path / "drives").iterdir()
     turns = [turn for turn, frame in read_turns(drive) if frame is not None]
     states = [state for state, _ in groupby(turn.state for turn in turns)]
@@ -77,4 +77,4 @@ def test_whoever_drives_the_recording_tells_it(driver: str, tmp_path: Path) -> N
         assert all(a == "AUTO" for a, b in pairwise(states) if b == "MANUAL"), "a person took over"
     steered = {turn.driven.wanted for turn in turns if turn.state == "MANUAL" and turn.driven}
     assert len(steered) > 10, "more than five actions"
-    assert sum(1 for _ in entries(drive, OVERHEAD)) > 100
+    assert sum(1 for _ in entries(drive, OVERHEAD)) > 50

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.robot.link.conftest import free_base_port, until
+from tests.thorough import count
 from tools.loop.operator import Operator
 from tools.loop.timekeeper import Timekeeper
 
@@ -22,8 +23,11 @@ def said(command: str) -> str:
     return proc.read_text() if proc.exists() else ""
 
 
+HOW = [signal.SIGKILL, signal.SIGINT, signal.SIGTERM]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("how", HOW[: count(2, 3)])
 def test_the_robot_ends_with_its_monitor(tmp_path: Path, how: signal.Signals) -> None:
     command = [sys.executable, "-m", "tools.monitor", "--demo", "--port", str(free_base_port())]
     command += ["--map", "loop", "--drives", str(tmp_path / "drives")]

@@ -115,7 +115,10 @@ def test_short_recordings_among_others_are_left_out_and_told(recording: Path, sh
 
 
 @pytest.mark.slow
-def test_the_look_of_a_known_robot_is_found(recording: Path, tmp_path: Path) -> None:
+def test_the_look_of_a_known_robot_is_found(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fit, "TRACKED", 200)  # of a short drive fewer are enough
     twin = fit_twin([read_drive(recording)])
     found: Look = twin.look
     assert found.camera.height_m == pytest.approx(OWN.camera.height_m, abs=0.004)
@@ -143,7 +146,8 @@ def test_steering_that_is_written_down_the_wrong_way_round_is_refused(tmp_path: 
 
 @pytest.mark.slow
 def test_a_wrong_minimum_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fit, "TRACKED", 80)  # pictures that tell how it moved, not what it sees by
+    monkeypatch.setattr(fit, "KEY_PICTURES", 15)  # enough to fall into the wrong one
+    monkeypatch.setattr(fit, "TRACKED", 40)  # pictures that tell how it moved, not what it sees by
     look = load_look_sampler("wide/day")(np.random.default_rng((0, 1)))  # paint like the road
     path = record_drive(look, "rings/claw", 40.0, 1, tmp_path / "bright.mcap")
     found = fit_twin([read_drive(path)]).found  # from the usual height it found one 40 mm lower

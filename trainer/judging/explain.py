@@ -25,7 +25,6 @@ from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import read_contract
 from robot.inference.preprocess import preprocess
-from trainer.export import export_weights
 from trainer.mp4 import write_mp4
 from trainer.run import RunFolder
 
@@ -194,6 +193,8 @@ def open_explainer(policy: Path) -> Explainer:
         policy = found[0]
     if policy.suffix != ".pt":
         return Explainer(policy)
+    from trainer.export import export_weights  # torch, which nothing else here needs
+
     with tempfile.TemporaryDirectory() as temporary:
         path, folder = Path(temporary) / "policy.onnx", RunFolder(policy.parent)
         export_weights(folder, folder.load_config(), policy, path)

@@ -17,6 +17,7 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.navigation import Navigation
 from tests.trainer import judge_sight
 from trainer.cli import main
+from trainer.division import division
 from trainer.sight.cli import SHIPPED, SightRun
 from trainer.sight.draw import drawn
 from trainer.sight.network import SightNetwork, calibrate, export_sight, learned
@@ -124,8 +125,8 @@ def test_it_learns_and_its_uncertainty_is_scaled_to_its_errors(driven: Pictures)
     network = SightNetwork()
     optimiser = torch.optim.AdamW(network.parameters(), 1e-3)
     torch.set_num_threads(1)
-    step = lesson(network, optimiser, Batches(driven, None, SightRun(steps=60, batch=48)))
-    told = [float(step(np.random.default_rng(k), k).split()[-1]) for k in range(60)]
+    step = lesson(network, optimiser, Batches(driven, None, SightRun(steps=50, batch=24)))
+    told = [float(step(np.random.default_rng(k), k).split()[-1]) for k in range(50)]
     assert np.mean(told[-10:]) < np.mean(told[:10]) - 1.0
     calibrate(network, driven)
     seen = as_seen(network.see(driven.images))
@@ -198,6 +199,8 @@ def test_a_run_that_was_cut_off_goes_on_and_another_is_refused(tmp_path: Path) -
     run = SightRun(files=1, steps=4, batch=8, look=("nominal",), choosing_files=1)
     out, small = tmp_path / "run", pytest.MonkeyPatch()
     small.setattr(train, "DECISIONS", 3)
+    maps = replace(division().maps, training=("loop",), choosing=("rings/claw",))
+    small.setattr(train, "division", lambda: replace(division(), maps=maps))
     try:
         path = train.train_sight(out, run, Console(quiet=True))
         kept = (out / "training" / "000.npz").stat().st_mtime_ns

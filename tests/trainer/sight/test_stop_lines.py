@@ -136,7 +136,7 @@ def test_robots_that_know_their_place_stand_at_every_line() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("look", ["reality", "randomised"])
+@pytest.mark.parametrize("look", ["randomised", "reality"][: count(1, 2)])
 @pytest.mark.parametrize("overhead", ["start", "always"] if THOROUGH else ["start"])
 def test_robots_with_sight_stand_at_nearly_every_line(look: str, overhead: str) -> None:
     maps = [load_map(name) for name in division().maps.judging]

@@ -17,6 +17,7 @@ from rich.console import Console
 from robot.errors import ConfigError
 from tests.trainer.chores import Chore, ToyTraining
 from tests.trainer.toy import make_toy, toy_config
+from trainer import processes
 from trainer.processes import RayProcesses
 from trainer.run import RunFolder
 from trainer.sweeps.sweep import RETRIES, last_words, perform
@@ -49,7 +50,7 @@ def wait_for(path: Path) -> None:
 def test_a_killed_worker_loses_nothing(
     tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    training = ToyTraining(tmp_path / "toy", steps=12_000)
+    training = ToyTraining(tmp_path / "toy", steps=8_000)
     training.out.mkdir()
     run = RunFolder(training.out)
     workers = RayProcesses(address, RETRIES)
@@ -75,8 +76,8 @@ def test_a_killed_worker_loses_nothing(
     steps = [episode.step for episode in run.episodes()]
     assert steps == sorted(steps)
     cut_off = 2 * toy_config("ppo", 1).learn.robots  # by the kill, and by the end
-    assert len(steps) >= 12_000 // 16 - cut_off  # of 16 decisions at most: none is missing
-    assert 0 < reached < 12_000
+    assert len(steps) >= 8_000 // 16 - cut_off  # of 16 decisions at most: none is missing
+    assert 0 < reached < 8_000
 
 
 def test_no_cluster_is_wrong_input() -> None:
@@ -84,15 +85,15 @@ def test_no_cluster_is_wrong_input() -> None:
         RayProcesses("nonsense")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("listens", [True, False])
-def test_where_no_cluster_answers_is_wrong_input_within_twenty_seconds(listens: bool) -> None:
+def test_where_no_cluster_answers_is_wrong_input(
+    listens: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "ANSWER_S", 2.0)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"127.0.0.1:{silent.getsockname()[1] if listens else 1}"
-        began = time.monotonic()
         with pytest.raises(ConfigError, match="expected the address of a running cluster"):
             RayProcesses(address)
-        assert time.monotonic() - began < 20.0
 
 
 @pytest.mark.slow
@@ -107,7 +108,7 @@ def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
         shared["plasma_directory"] = str(tmp_path)
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, **shared})
     nodes = [cluster.add_node(num_cpus=1) for _ in range(2)]
-    config = replace(toy_config("ppo", 10_000), workers=2)
+    config = replace(toy_config("ppo", 6_000), workers=2)
     config = replace(config, evaluation=replace(config.evaluation, stop_after_perfect=0))
     run, lost = RunFolder(tmp_path / "toy"), threading.Event()
 

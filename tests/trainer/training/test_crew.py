@@ -114,10 +114,10 @@ def test_a_number_that_does_not_divide_the_work_is_refused(
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["ppo", "dueling"])
 def test_two_processes_learn_the_same_again(algorithm: str, tmp_path: Path) -> None:
-    config = two_processes(algorithm, steps=3_200)
+    config = two_processes(algorithm, steps=2_200)
     runs = [tmp_path / name for name in ("one", "again", "alone")]
     first = train_toy(config, runs[0])
-    assert train_toy(config, runs[1]).train_steps == first.train_steps >= 3_200
+    assert train_toy(config, runs[1]).train_steps == first.train_steps >= 2_200
     train_toy(replace(config, workers=1), runs[2])
     torch.testing.assert_close(weights(runs[0]), weights(runs[1]), rtol=0, atol=0)
     assert not torch.allclose(weights(runs[0]), weights(runs[2]))
@@ -146,17 +146,17 @@ class Killing(LocalProcesses):
         process = super().start(do, *orders)
         if self.kills:
             self.kills -= 1
-            threading.Timer(4.0, os.kill, (process.pid, signal.SIGKILL)).start()
+            threading.Timer(2.5, os.kill, (process.pid, signal.SIGKILL)).start()
         return process
 
 
 @pytest.mark.slow
 def test_a_killed_follower_is_replaced_and_nothing_is_lost(tmp_path: Path) -> None:
-    launcher, config = Killing(kills=1), two_processes("ppo", steps=24_000)
+    launcher, config = Killing(kills=1), two_processes("ppo", steps=12_000)
     metrics = train(config, RunFolder(tmp_path), make_toy, Console(quiet=True), launcher=launcher)
     assert launcher.kills == 0
     assert metrics.stopped_by == "steps"
-    assert metrics.train_steps >= 24_000
+    assert metrics.train_steps >= 12_000
     steps = [episode.step for episode in RunFolder(tmp_path).episodes()]
     assert steps == sorted(steps)
 
