@@ -121,6 +121,9 @@ HEADWAY_S = 0.9  # in which it would be there: turn, delay and lag of the motors
 _SIGMAS = 2.0
 _CLEAR = 10  # turns: errors of poses last that long
 _LEAST_MPS = 0.02  # slower than that is standing
+_UNSURE_M = 0.08  # deviation of what has not been made out
+_PATIENCE_S = 3.0  # after which who stands before that goes nearer to see,
+_LOOK_M = 0.08  # to so far from its nose by the likeliest: nearer things sight has not learned
 
 
 @dataclass(frozen=True)
@@ -129,29 +132,39 @@ class KeepApart:
 
     It counts on nothing: what drives ahead may stop dead at any time. What comes nearer by itself
     takes the way that it will make in the meantime. Who stands goes on only with two deviations to
-    spare, or after a second of nothing, lest it creep nearer whenever what it is told errs.
+    spare, or after a second of nothing, lest it go nearer whenever what it is told errs. What is
+    beside the lane may look from afar as if it were on it, and nobody knows how far it is: who has
+    stood before such a thing for a while creeps up to it.
     """
 
     stands: bool = False
     clear: int = 0  # turns in a row in which nothing was told, since it stood
+    since_s: float = math.nan  # it has stood
 
     def after(self, road: Road) -> Tuple[KeepApart, Cap]:
         """See `Rule`."""
         ahead = road.ahead
         if ahead.free_m == math.inf:
-            clear = self.clear + 1
-            if self.stands and ahead.free_sigma_m > 0.0 and clear < _CLEAR:
-                return KeepApart(True, clear), Cap(0.0, "what it stood before may be there yet")
+            rule = replace(self, clear=self.clear + 1)
+            if self.stands and ahead.free_sigma_m > 0.0 and rule.clear < _CLEAR:
+                return rule, Cap(0.0, "what it stood before may be there yet")
             return KeepApart(), Cap()
         if math.isnan(ahead.free_m):
             return self, Cap(0.0, "nothing tells where the others are")
-        sigmas = (1.0 + self.stands) * _SIGMAS
-        sure_m = ahead.free_m - sigmas * ahead.free_sigma_m - GAP_M
-        most_mps = sure_m / HEADWAY_S - max(0.0, ahead.coming_mps)
-        if not most_mps >= _LEAST_MPS:  # nor a NaN
-            most_mps = 0.0
         reason = f"something is {100.0 * ahead.free_m:.0f} cm ahead"
-        return KeepApart(most_mps == 0.0), Cap(most_mps, reason)
+        sigmas = (1.0 + self.stands) * _SIGMAS
+        sure_mps = self._most(ahead, sigmas * ahead.free_sigma_m + GAP_M)
+        if sure_mps > 0.0:
+            return KeepApart(), Cap(sure_mps, reason)
+        since_s = self.since_s if self.stands else road.now_s
+        waited = road.now_s >= since_s + _PATIENCE_S and ahead.free_sigma_m > _UNSURE_M
+        creep_mps = min(_CREEP_MPS, self._most(ahead, _LOOK_M)) if waited else 0.0
+        return KeepApart(True, 0, since_s), Cap(creep_mps, reason)
+
+    @staticmethod
+    def _most(ahead: RoadAhead, less_m: float) -> float:
+        most_mps = (ahead.free_m - less_m) / HEADWAY_S - max(0.0, ahead.coming_mps)
+        return most_mps if most_mps >= _LEAST_MPS else 0.0  # nor a NaN
 
 
 VIEWS_S = 0.4

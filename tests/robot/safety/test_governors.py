@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from functools import partial
-from typing import Callable, List, NamedTuple, Optional
+from typing import Callable, List, NamedTuple, Optional, Tuple
 
 import pytest
 from hypothesis import given
@@ -286,6 +286,46 @@ def test_who_stands_before_a_thing_does_not_creep_into_it_by_poses_that_err(seed
     for k in range(10):
         rule, cap = rule.after(Road(60.0 + 0.1 * k, 0.0, 0.0, RoadAhead(free_sigma_m=0.03)))
     assert cap == Cap(), "it was taken away"
+
+
+TELLINGS = st.tuples(
+    st.one_of(st.just(math.inf), st.floats(-0.1, 0.6)),
+    st.sampled_from([0.0, 0.03, 0.079, 0.081, 0.2]),
+    st.sampled_from([-0.1, 0.0, 0.0, 0.1]),
+)
+
+
+@given(st.lists(st.tuples(TELLINGS, st.integers(1, 40)), min_size=1, max_size=8))
+def test_nearer_than_is_sure_goes_only_who_stood_before_what_it_has_not_made_out(
+    legs: List[Tuple[Tuple[float, float, float], int]],
+) -> None:
+    rule, stood, now_s = KeepApart(), 0, 5.0
+    for free_m, sigma_m, coming_mps in (told for told, turns in legs for _ in range(turns)):
+        rule, cap = rule.after(Road(now_s, 0.0, 0.0, RoadAhead(free_m, sigma_m, coming_mps)))
+        now_s += 0.1
+        sure_mps = (free_m - 2.0 * sigma_m - 0.04) / 0.9 - max(0.0, coming_mps)
+        if cap.most_mps > max(0.0, sure_mps) + 1e-9:
+            assert stood >= 30
+            assert sigma_m > 0.08
+            assert 0.02 <= cap.most_mps <= 0.04
+            assert (free_m - 0.08) / 0.9 - max(0.0, coming_mps) >= cap.most_mps - 1e-9
+        stood = stood + 1 if cap.most_mps <= 0.04 else 0
+
+
+@pytest.mark.parametrize(
+    ("free_m", "sigma_m", "most_mps"),
+    [(0.3, 0.16, 0.04), (0.2, 0.081, 0.04), (0.11, 0.1, 0.0333), (0.097, 0.1, 0.0), (0.1, 0.08, 0)],
+)
+def test_it_goes_after_three_seconds_slowly_and_not_up_to_it(
+    free_m: float, sigma_m: float, most_mps: float
+) -> None:
+    seen, rule, caps = RoadAhead(free_m, sigma_m), KeepApart(), []
+    for k in range(60):  # of a second and a half nothing is seen: it goes on to wait
+        there = RoadAhead(free_sigma_m=sigma_m) if k % 15 == 7 else seen
+        rule, cap = rule.after(Road(50.0 + 0.1 * k, 0.0, 0.0, there))
+        caps.append(cap.most_mps)
+    assert max(caps[:30]) == 0.0
+    assert max(caps[31:]) == pytest.approx(most_mps, abs=1e-4)
 
 
 def test_who_walks_towards_it_is_not_met_at_speed() -> None:
