@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +83,11 @@ def test_the_figures_count_arrivals_at_each_site() -> None:
         "reality/lab": {"missions": 2, "arrived": 1},
         "reality/hall": {"missions": 1, "arrived": 1},
     }
+
+
+def test_missions_start_without_torch() -> None:
+    program = "import sys, tools.loop.drive; sys.exit('torch' in sys.modules)"
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_figures_of_rows_without_sites_begin_anew(tmp_path: Path) -> None:
