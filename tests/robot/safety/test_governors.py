@@ -8,7 +8,7 @@ from functools import partial
 from typing import Callable, List, NamedTuple, Optional, Tuple
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from robot.errors import ContractError
@@ -295,6 +295,7 @@ TELLINGS = st.tuples(
 )
 
 
+@example([((0.0, 0.0, -0.1), 16), ((0.25, 0.081, -0.1), 16), ((0.125, 0.081, -0.1), 1)])
 @given(st.lists(st.tuples(TELLINGS, st.integers(1, 40)), min_size=1, max_size=8))
 def test_nearer_than_is_sure_goes_only_who_stood_before_what_it_has_not_made_out(
     legs: List[Tuple[Tuple[float, float, float], int]],
@@ -303,14 +304,15 @@ def test_nearer_than_is_sure_goes_only_who_stood_before_what_it_has_not_made_out
     for free_m, sigma_m, coming_mps in (told for told, turns in legs for _ in range(turns)):
         rule, cap = rule.after(Road(now_s, 0.0, 0.0, RoadAhead(free_m, sigma_m, coming_mps)))
         now_s += 0.1
-        sure_mps = (free_m - 2.0 * sigma_m - 0.04) / 0.9 - max(0.0, coming_mps)
-        crept = cap.most_mps > max(0.0, sure_mps) + 1e-9
-        if crept:
+        spare_m = (4.0 if stood else 2.0) * sigma_m + 0.04
+        sure_mps = (free_m - spare_m) / 0.9 - max(0.0, coming_mps)
+        sure_mps = sure_mps if sure_mps >= 0.02 else 0.0
+        if cap.most_mps > sure_mps + 1e-9:
             assert stood >= 30
             assert sigma_m > 0.08
             assert 0.02 <= cap.most_mps <= 0.04
             assert (free_m - 0.08) / 0.9 - max(0.0, coming_mps) >= cap.most_mps - 1e-9
-        stood = stood + 1 if crept or cap.most_mps == 0.0 else 0
+        stood = 0 if cap.most_mps >= sure_mps - 1e-9 > 0.0 else stood + 1
 
 
 @pytest.mark.parametrize(
