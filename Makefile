@@ -35,8 +35,8 @@ layers: $(STAMP)  ## the direction of imports
 pytest: $(STAMP)  ## the tests on Python 3.11
 	$(PY) -m pytest --numprocesses 2 --dist worksteal
 
-explore: $(STAMP)  ## the property tests on examples drawn anew
-	HYPOTHESIS_PROFILE=explore $(PY) -m pytest --numprocesses 2 --dist worksteal
+explore: $(STAMP)  ## the tests in full length, properties on examples drawn anew
+	THOROUGH=1 HYPOTHESIS_PROFILE=explore $(PY) -m pytest --numprocesses 2 --dist worksteal
 
 test38: $(STAMP)  ## the robot's tests on Python 3.8 with the Jetson Nano's wheels, where a 3.8 is found
 	@bash tools/test38.sh

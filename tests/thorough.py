@@ -2,7 +2,10 @@
 
 import os
 
+import pytest
+
 THOROUGH = os.environ.get("THOROUGH") == "1"
+only = pytest.mark.skipif(not THOROUGH, reason="long; THOROUGH=1 runs it")
 
 
 def count(usual: int, thorough: int) -> int:

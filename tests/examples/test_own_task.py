@@ -44,10 +44,10 @@ def test_a_task_is_one_file_of_at_most_80_lines() -> None:
 def test_trains_evaluates_exports_and_reports(tmp_path: Path) -> None:
     run = tmp_path / "run"
     words = ["train", "--task", "keep_right", "--algo", "ppo", "--preset", "debug"]
-    subprocess.run([sys.executable, str(SCRIPT), *words, "--out", str(run)], cwd=ROOT, check=True)
     figures, report = run / "evaluation.json", tmp_path / "report"
     judging = ["evaluate", "--model", str(run / "model.onnx"), "--episodes", "2", "--workers", "1"]
     own_task(
+        [*words, "--out", str(run)],
         [*judging, "--json", str(figures), "--drives"],
         ["export", str(run)],
         ["report", str(run), "--out", str(report)],

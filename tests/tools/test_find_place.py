@@ -11,7 +11,7 @@ from robot.errors import PlanError
 from robot.inference.policy import SHIPPED_MODELS
 from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL
-from tests.thorough import THOROUGH
+from tests import thorough
 from tests.tools.find_place import Lonely, drive
 
 NAVIGATOR = str(SHIPPED_MODELS / "nav_ppo.onnx")
@@ -27,7 +27,7 @@ def test_it_drives_on_until_it_knows_its_place_and_then_to_its_destination(click
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["bean", "wedge"] if THOROUGH else ["bean"])
+@pytest.mark.parametrize("name", ["bean", "wedge"] if thorough.THOROUGH else ["bean"])
 def test_a_lap_of_a_ring_without_junctions_is_enough(name: str) -> None:
     ring = load_map(f"rings/{name}")
     found = drive(Lonely(ring, NOMINAL, NAVIGATOR, seed=0), click=False, missions=1)
@@ -37,7 +37,7 @@ def test_a_lap_of_a_ring_without_junctions_is_enough(name: str) -> None:
     assert found.arrived == 1, found
 
 
-@pytest.mark.slow
+@thorough.only
 def test_of_a_ring_that_is_the_same_turned_half_round_it_says_that_two_places_fit() -> None:
     robot = Lonely(load_map("rings/zigzag"), NOMINAL, NAVIGATOR, seed=0)
     found = drive(robot, click=False, missions=0)

@@ -11,7 +11,7 @@ import pytest
 
 from robot.cli.install import SHIPPED_MODEL
 from robot.inference.policy import SHIPPED_MODELS
-from tests.thorough import count
+from tests import thorough
 from tests.tools.pursuit import write_pursuit
 from tools.faults.meet import every_case
 from tools.faults.stage import Stage
@@ -46,12 +46,15 @@ def met(stage: Stage, family: str, name: str) -> float:
     return math.dist(stage.bench.town.pose[:2], stage.bench.town.second.pose[:2])
 
 
-@pytest.mark.parametrize("name", ["other's link dies", "duck", "other stops"][: count(1, 3)])
+@pytest.mark.parametrize(
+    "name", ["other's link dies", "duck", "other stops"][: thorough.count(1, 3)]
+)
 def test_it_stands_before_who_stands_on_its_lane(stage: Stage, name: str) -> None:
     assert met(stage, "traffic", name) > 0.18
 
 
-@pytest.mark.parametrize("name", ["other stops", "duck"][: count(1, 2)])
+@thorough.only
+@pytest.mark.parametrize("name", ["other stops", "duck"])
 def test_a_lane_keeper_stands_before_what_it_sees_and_says_so(keeper: Stage, name: str) -> None:
     assert met(keeper, "by sight", name) > 0.18
     assert "AUTO: something is" in keeper.bench.processes["robot"].said()

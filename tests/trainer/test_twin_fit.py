@@ -14,6 +14,7 @@ from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL, CameraLook, DriveLook, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
+from tests import thorough
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin import fit
 from trainer.twin.camera import NAMES as NAMES_SEEN
@@ -118,7 +119,8 @@ def test_short_recordings_among_others_are_left_out_and_told(recording: Path, sh
 def test_the_look_of_a_known_robot_is_found(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fit, "TRACKED", 200)  # of a short drive fewer are enough
+    monkeypatch.setattr(fit, "TRACKED", 100)  # of a short drive fewer are enough
+    monkeypatch.setattr(fit, "KEY_PICTURES", 15)
     twin = fit_twin([read_drive(recording)])
     found: Look = twin.look
     assert found.camera.height_m == pytest.approx(OWN.camera.height_m, abs=0.004)
@@ -144,7 +146,7 @@ def test_steering_that_is_written_down_the_wrong_way_round_is_refused(tmp_path: 
         fit_twin([read_drive(half)])
 
 
-@pytest.mark.slow
+@thorough.only
 def test_a_wrong_minimum_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit, "KEY_PICTURES", 15)  # enough to fall into the wrong one
     monkeypatch.setattr(fit, "TRACKED", 40)  # pictures that tell how it moved, not what it sees by

@@ -101,7 +101,7 @@ def found_right(seeds: range) -> List[bool]:
 
 @pytest.mark.slow
 def test_places_found_after_at_most_three_junctions_are_right() -> None:  # -rP shows how many
-    drives = count(4, 20)
+    drives = count(3, 20)
     right = found_right(range(drives))
     print(f"{sum(right)} of {len(right)} places found in {drives} drives were right")
     assert len(right) >= drives // 2
@@ -186,9 +186,10 @@ def test_a_navigator_that_nothing_tells_its_place_looks_for_it_and_then_plans() 
 
 @pytest.mark.slow
 def test_meanwhile_the_way_on_lies_mostly_as_the_road_that_is_seen() -> None:
-    """On each of three drives it differs, by as little as how a processor rounds."""
-    good = [fits for seed in range(3) for fits in way_fits(np.random.default_rng(seed))]
-    assert len(good) > 250
+    """On each of the drives it differs, by as little as how a processor rounds."""
+    drives = count(1, 3)
+    good = [fits for seed in range(drives) for fits in way_fits(np.random.default_rng(seed))]
+    assert len(good) > 80 * drives
     assert np.mean(good) > 0.65
 
 

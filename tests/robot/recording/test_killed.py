@@ -12,7 +12,7 @@ from robot.recording.reader import read_turns, recover_folder
 from tests import thorough
 
 SECOND = 1.0
-MANY = thorough.count(20, 100)
+MANY = thorough.count(12, 100)
 
 
 @pytest.mark.parametrize("count", [4, pytest.param(MANY, marks=pytest.mark.slow)])

@@ -13,6 +13,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from torch.nn.utils import parameters_to_vector
 
+from tests import thorough
 from tests.trainer.toy import ToyVecEnv, build_model, make_toy, toy_config, train_toy
 from trainer.algorithms.a3c import A3C, A3cConfig, Shared, SharedRmsprop
 from trainer.config import RunConfig
@@ -204,6 +205,7 @@ def learn_a_little(told: Path) -> None:
     assert os.environ["NUMBA_NUM_THREADS"] == "2"
 
 
+@thorough.only
 def test_each_worker_keeps_to_one_core(tmp_path: Path) -> None:
     """With a second thread each, a dozen on two cores were nineteen times slower."""
     process = multiprocessing.get_context("spawn").Process(target=learn_a_little, args=(tmp_path,))

@@ -15,6 +15,7 @@ import torch
 from rich.console import Console
 
 from robot.errors import ConfigError
+from tests import thorough
 from tests.trainer.chores import Chore, ToyTraining
 from tests.trainer.toy import make_toy, toy_config
 from trainer import processes
@@ -46,7 +47,7 @@ def wait_for(path: Path) -> None:
         time.sleep(0.05)
 
 
-@pytest.mark.slow
+@thorough.only
 def test_a_killed_worker_loses_nothing(
     tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from robot.errors import ConfigError
+from tests import thorough
 from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
@@ -112,15 +113,13 @@ def test_a_number_that_does_not_divide_the_work_is_refused(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["ppo", "dueling"])
+@pytest.mark.parametrize("algorithm", ["ppo", "dueling"][: thorough.count(1, 2)])
 def test_two_processes_learn_the_same_again(algorithm: str, tmp_path: Path) -> None:
     config = two_processes(algorithm, steps=2_200)
-    runs = [tmp_path / name for name in ("one", "again", "alone")]
+    runs = [tmp_path / name for name in ("one", "again")]
     first = train_toy(config, runs[0])
     assert train_toy(config, runs[1]).train_steps == first.train_steps >= 2_200
-    train_toy(replace(config, workers=1), runs[2])
     torch.testing.assert_close(weights(runs[0]), weights(runs[1]), rtol=0, atol=0)
-    assert not torch.allclose(weights(runs[0]), weights(runs[2]))
     robots = {episode.robot for episode in RunFolder(runs[0]).episodes()}
     assert robots == set(range(2 * config.learn.robots))  # those of the other process, too
 

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from robot.errors import ConfigError
+from tests.thorough import count
 from tests.trainer.toy import toy_config, train_toy
 from trainer.run import RunFolder
 
@@ -43,7 +44,7 @@ def episode_is_kept(run: RunFolder) -> bool:
     return bool(ended) and checkpoint_step(run.path) >= ended[0]
 
 
-@pytest.mark.parametrize("algorithm", ["dueling", "ppo"])
+@pytest.mark.parametrize("algorithm", ["dueling", "ppo"][: count(1, 2)])
 def test_killed_run_goes_on_where_its_checkpoint_lies(algorithm: str, tmp_path: Path) -> None:
     run = RunFolder(tmp_path / "run")
     process = start(algorithm, run.path)
@@ -66,7 +67,7 @@ def test_killed_run_goes_on_where_its_checkpoint_lies(algorithm: str, tmp_path: 
     assert run.curve.exists()
 
 
-@pytest.mark.parametrize("algorithm", ["dueling", "a3c"])
+@pytest.mark.parametrize("algorithm", ["dueling", "a3c"][: count(1, 2)])
 def test_ctrl_c_leaves_a_run_that_can_go_on(algorithm: str, tmp_path: Path) -> None:
     run = RunFolder(tmp_path / "run")
     process = start(algorithm, run.path)
