@@ -25,6 +25,7 @@ def step_times(planner: StepPlanner, until_s: float) -> List[Tuple[float, int, i
     return steps
 
 
+@pytest.mark.slow
 def test_speed_is_reached_exactly_and_has_no_drift_over_100_000_steps() -> None:
     planner = StepPlanner(CONFIG, 0.0)
     planner.set_speeds(0.0, WheelSpeeds(0.3, 0.3))

@@ -139,6 +139,7 @@ def test_the_path_input_is_that_of_the_contract() -> None:
     np.testing.assert_allclose(world.guidance.path, path_input(path, world.pose), atol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 5])
 def test_it_arrives_also_on_few_poses(every: int) -> None:
     world = driving()
@@ -282,6 +283,7 @@ def miss_the_turn(world: World) -> None:
         world.follow(path_input(past, world.pose))
 
 
+@pytest.mark.slow
 def test_a_robot_that_missed_a_turn_goes_another_way() -> None:
     world = driving()
     miss_the_turn(world)

@@ -204,6 +204,7 @@ def cross(seed: int, sigma_m: float, lost: float) -> float:
     raise AssertionError(f"somebody waits for ever with seed {seed}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sigma_m", "lost"), [(0.0, 0.0), (0.003, 0.05)])
 def test_four_robots_that_only_hear_the_localizer_pass_one_after_the_other(
     sigma_m: float, lost: float

@@ -56,6 +56,7 @@ def test_a_star_is_as_cheap_as_dijkstra_on_shipped_maps(name: str) -> None:
     check_against_dijkstra(LaneGraph(load_map(name)))
 
 
+@pytest.mark.slow
 def test_a_star_is_as_cheap_as_dijkstra_on_every_map(all_maps: list[RoadMap]) -> None:
     for road_map in all_maps:
         check_against_dijkstra(LaneGraph(road_map))
@@ -112,6 +113,7 @@ def tasks(graph: LaneGraph, count: int, seed: int) -> Iterator[tuple[Pose, tuple
         yield Pose(x, y, math.atan2(tangent[1], tangent[0])), (goal[0], goal[1])
 
 
+@pytest.mark.slow
 def test_paths_are_continuous_and_lead_from_start_to_goal(all_maps: list[RoadMap]) -> None:
     planned = 0
     for road_map in all_maps:

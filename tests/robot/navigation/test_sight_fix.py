@@ -84,6 +84,7 @@ def drive(world: World, decisions: int) -> None:
             return
 
 
+@pytest.mark.slow
 def test_it_arrives_without_an_overhead_pose_after_the_start() -> None:
     world = seeing()
     drive(world, 400)
@@ -166,6 +167,7 @@ def test_the_circle_of_certainty_holds_95_of_100(narrow: float) -> None:
     assert inside.mean() == pytest.approx(0.95, abs=0.003)
 
 
+@pytest.mark.slow
 def test_who_arrived_keeps_what_it_learned_of_its_wheels_and_who_was_stopped_does_not() -> None:
     world = seeing()
     drive(world, 400)
@@ -179,6 +181,7 @@ def test_who_arrived_keeps_what_it_learned_of_its_wheels_and_who_was_stopped_doe
     assert world.navigator._fusion._state[0, 3] == 0.0
 
 
+@pytest.mark.slow
 def test_a_person_tells_where_it_stands_and_it_drives_from_there() -> None:
     world = driving()
     sight = FakeSight(world)

@@ -67,6 +67,7 @@ def drive(
     return None, worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "gains"), [(1, (1.0, 1.0)), (1, (0.92, 1.1)), (2, (1.0, 1.0)), (2, (1.08, 0.85))]
 )

@@ -133,6 +133,7 @@ def lap(road_map: RoadMap, seed: int) -> Tuple[Whereabouts, Optional[Place], Pos
     return search, None, truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rings/wedge", "rings/bean"])
 def test_a_ring_without_junctions_tells_the_place_by_its_bends(name: str) -> None:
     for seed in range(count(2, 10)):
@@ -155,6 +156,7 @@ def test_a_ring_that_is_the_same_turned_half_round_does_not_and_that_is_said(nam
         )
 
 
+@pytest.mark.slow
 def test_a_navigator_that_nothing_tells_its_place_looks_for_it_and_then_plans() -> None:
     world = driving()
     sight = FakeSight(world)

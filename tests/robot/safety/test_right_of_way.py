@@ -80,6 +80,7 @@ def every_case() -> Iterator[Tuple[Case, Tuple[str, ...]]]:
                         yield tuple(zip(arms, after_s)), names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error_s", [0.0, ERROR_S])
 def test_every_crossing_resolves_whatever_each_sees(error_s: float) -> None:
     some = list(every_case())[::25]
