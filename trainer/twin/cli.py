@@ -1,5 +1,6 @@
 """``duckpilot fit``: a twin from recordings; ``duckpilot teach``: a policy for it."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 if TYPE_CHECKING:
+    from trainer.sight.cli import SightRun
     from trainer.twin.fit import Twin
     from trainer.twin.recorded import Recorded
 
@@ -55,14 +57,14 @@ def teach_command(
     steps: int = 900,
     seed: int = 0,
 ) -> int:
-    """Teach a policy your floor: fit a twin, learn on in it, and prove how it drives there.
+    """Teach a policy, or a sight, your floor: fit a twin, learn on in it, and prove it there.
 
-    Leaves twin.yaml, twin.html and model.onnx in its folder. Exit status 1 if the proof is not
-    enough for a robot to arm, or its base drives better in the twin.
+    Leaves twin.yaml, twin.html and model.onnx, or sight.onnx, in its folder. Exit status 1 if the
+    proof is not enough for a robot to arm, or its base is better.
 
     Args:
         recordings: MCAP files of drives on one map.
-        base: what it learns on from: an ONNX file, or the name of a shipped policy.
+        base: what it learns on from: an ONNX file, or the name of a shipped policy or sight.
         out: folder.
         drives: in the twin, for the proof.
         steps: of learning.
@@ -72,13 +74,23 @@ def teach_command(
 
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
+    from trainer.sight.cli import SightRun
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
-    from trainer.twin.teach import TeachConfig, base_file, load_base, pose_error, teach
+    from trainer.twin.teach import (
+        TeachConfig,
+        base_file,
+        is_sight,
+        load_base,
+        pose_error,
+        teach,
+    )
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True, highlight=False)
     path = base_file(base)
+    if is_sight(path):
+        return _teach_sight(path, recordings, out, SightRun(steps=steps, batch=96, seed=seed))
     network, contract = load_base(path)
     seen, twin = _fit(recordings, out / "twin.yaml", console)
     looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
@@ -105,3 +117,19 @@ def teach_command(
     if proven.unproven:
         console.print(f"the robot will not arm with it: {proven.unproven}", markup=False)
     return 1 if worse or proven.unproven else 0
+
+
+def _teach_sight(base: Path, recordings: Sequence[Path], out: Path, run: "SightRun") -> int:
+    from sim_pybullet.randomise import load_look_sampler
+    from trainer.twin.sight import teach_sight
+
+    console = Console(soft_wrap=True, highlight=False)
+    seen, twin = _fit(recordings, out / "twin.yaml", console)
+    looks = load_look_sampler(out / "twin.yaml")
+    before, after = teach_sight(base, seen, twin, looks, out, run)
+    for name, each in ((base, before), (out / "sight.onnx", after)):
+        told = f"{100.0 * each.offset_m:.1f} cm and {math.degrees(each.heading_rad):.1f} degrees"
+        console.print(f"{name}: errs by {told} in held-out pictures", markup=False)
+    if worse := after.worse(before):
+        console.print(f"it sees worse than {base.stem}: keep that", markup=False)
+    return int(worse)
