@@ -49,11 +49,7 @@ class _Row(NamedTuple):
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")
 def draw_floor(
-    pictures: np.ndarray,
-    skies: np.ndarray,
-    views: FloorViews,
-    tables: FloorTable,
-    blocks: int,
+    pictures: np.ndarray, skies: np.ndarray, views: FloorViews, tables: FloorTable, blocks: int
 ) -> None:
     """Fill pictures (N, 3 P) uint8 with floor and, where no run covers, with skies (N, 3 P).
 

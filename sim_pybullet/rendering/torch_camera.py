@@ -39,11 +39,7 @@ class TorchCamera(RayCamera):
     """
 
     def __init__(
-        self,
-        image: ImageSpec,
-        n_robots: int,
-        movers: tuple[Mover, ...] = (),
-        device: str = "cuda",
+        self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = (), device: str = "cuda"
     ) -> None:
         super().__init__(image, n_robots, movers)
         height, width, _ = image.shape

@@ -54,7 +54,7 @@ def err(sight: Path, maps: list[str], look: Look) -> tuple[float, float]:
     """Offset [cm] and heading [degrees], in pictures of disturbed experts."""
     task = Navigation([load_map(name) for name in maps], ROBOTS, START_SPREAD)
     found = errors(OnnxSight(sight), drive(task, [look], FIRST, DECISIONS))
-    return 100.0 * found.offset_m, math.degrees(found.heading_rad)
+    return 100.0 * float(found[0]), math.degrees(found[1])
 
 
 def arrived(sight: Path, maps: list[str], look: Look, missions: int) -> int:

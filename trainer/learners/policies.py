@@ -53,16 +53,10 @@ def build_policy(config: RunConfig) -> BasePolicy:
     arguments = policy_arguments(config)
     actions = spaces.Discrete(len(find_task(config.task).actions))
     arguments["lr_schedule"] = lambda _: config.learn.learning_rate
-    arguments["optimizer_class"] = _NoOptimiser
+    # It does not learn, and a first optimiser of torch's imports its compiler, for seconds.
+    arguments["optimizer_class"] = lambda *_, **__: None
     policy = find_algorithm(config.algorithm).policy
     return policy(observation_space(config), actions, **arguments)
-
-
-class _NoOptimiser:
-    """Of who does not learn: a first one of torch's imports its compiler, for seconds."""
-
-    def __init__(self, *_: object, **__: object) -> None:
-        """Takes what an optimiser takes."""
 
 
 def policy_arguments(config: RunConfig) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """``duckpilot fit``: a twin from recordings; ``duckpilot teach``: a policy for it."""
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,6 @@ from rich.console import Console
 from rich.progress import Progress
 
 if TYPE_CHECKING:
-    from trainer.sight.cli import SightRun
     from trainer.twin.fit import Twin
     from trainer.twin.recorded import Recorded
 
@@ -67,30 +67,22 @@ def teach_command(
         base: what it learns on from: an ONNX file, or the name of a shipped policy or sight.
         out: folder.
         drives: in the twin, for the proof.
-        steps: of learning.
+        steps: of learning; a sight makes a third of them, longer ones.
         seed: of everything random.
     """
     import torch
 
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
-    from trainer.sight.cli import SightRun
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
-    from trainer.twin.teach import (
-        TeachConfig,
-        base_file,
-        is_sight,
-        load_base,
-        pose_error,
-        teach,
-    )
+    from trainer.twin.teach import TeachConfig, base_file, is_sight, load_base, pose_error, teach
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True, highlight=False)
     path = base_file(base)
     if is_sight(path):
-        return _teach_sight(path, recordings, out, SightRun(steps=steps, batch=96, seed=seed))
+        return _teach_sight(path, recordings, out, steps // 3, seed)
     network, contract = load_base(path)
     seen, twin = _fit(recordings, out / "twin.yaml", console)
     looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
@@ -119,17 +111,21 @@ def teach_command(
     return 1 if worse or proven.unproven else 0
 
 
-def _teach_sight(base: Path, recordings: Sequence[Path], out: Path, run: "SightRun") -> int:
-    from sim_pybullet.randomise import load_look_sampler
+def _teach_sight(base: Path, recordings: Sequence[Path], out: Path, steps: int, seed: int) -> int:
+    import torch
+
+    from trainer.sight.cli import SightRun
+    from trainer.sight.network import learned
     from trainer.twin.sight import teach_sight
 
-    console = Console(soft_wrap=True, highlight=False)
-    seen, twin = _fit(recordings, out / "twin.yaml", console)
-    looks = load_look_sampler(out / "twin.yaml")
-    before, after = teach_sight(base, seen, twin, looks, out, run)
-    for name, each in ((base, before), (out / "sight.onnx", after)):
-        told = f"{100.0 * each.offset_m:.1f} cm and {math.degrees(each.heading_rad):.1f} degrees"
+    network, console = learned(base), Console(soft_wrap=True, highlight=False)
+    drives, twin = _fit(recordings, out / "twin.yaml", console)
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
+    run = SightRun(steps=steps, batch=96, seed=seed, base=str(base))
+    found = teach_sight(network, drives, twin, run, out)
+    for name, (offset_m, heading_rad) in zip(("before", out / "sight.onnx"), found, strict=True):
+        told = f"{100.0 * offset_m:.1f} cm and {math.degrees(heading_rad):.1f} degrees"
         console.print(f"{name}: errs by {told} in held-out pictures", markup=False)
-    if worse := after.worse(before):
-        console.print(f"it sees worse than {base.stem}: keep that", markup=False)
+    if worse := (found[1] / found[0]).mean() > 1.0:
+        console.print("it sees worse than its base: keep that", markup=False)
     return int(worse)

@@ -4,8 +4,8 @@ The recorded pictures are labelled by the map, from where the fit puts the robot
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,84 +15,52 @@ from rich.progress import track
 from robot.geometry import wrap_angle
 from robot.inference.preprocess import preprocess
 from robot.navigation.lane_view import LaneView
-from robot.navigation.road_map import RoadMap, load_map
-from robot.vision.sight import OnnxSight, SightContract
-from sim_pybullet.episodes import Looks
-from sim_pybullet.randomise import Sites, load_look_sampler
+from robot.navigation.road_map import load_map
+from robot.vision.sight import OnnxSight
+from sim_pybullet.randomise import Sites, load_look_sampler, look_sampler
 from trainer.division import division
+from trainer.sight import pictures as seen
 from trainer.sight.bystanders import Bystanders
 from trainer.sight.cli import SightRun
-from trainer.sight.network import calibrate, export_sight, learned
-from trainer.sight.pictures import (
-    CROSSING,
-    FREE,
-    IMAGE,
-    IN_LANE_M,
-    ROBOTS,
-    START_SPREAD,
-    THING,
-    Pictures,
-    anywhere,
-    drive,
-    joined,
-    label,
-)
+from trainer.sight.network import SightNetwork, calibrate, export_sight
 from trainer.sight.train import Batches, lesson
 from trainer.twin.examples import HELD_OUT
 from trainer.twin.fit import Twin
 from trainer.twin.recorded import Recorded
 from trainer.twin.teach import USUAL
 
-DECISIONS, CHECKED = 100, 30  # of experts in each world: to learn from, and to scale by
-RATE = 4e-4
-
-
-class Errors(NamedTuple):
-    """Root mean squares, in lanes outside junctions."""
-
-    offset_m: float
-    heading_rad: float
-
-    def worse(self, than: "Errors") -> bool:
-        """Whether it errs more, in both together."""
-        return sum(ours / theirs for ours, theirs in zip(self, than, strict=True)) > len(self)
+DECISIONS, CHECKED = 200, 30  # of experts in each world: to learn from, and to scale by
+RATE = 2e-4
 
 
 def teach_sight(
-    base: Path, drives: Sequence[Recorded], twin: Twin, looks: Looks, out: Path, run: SightRun
-) -> tuple[Errors, Errors]:
-    """Write sight.onnx; how the base and it err in the held-out pictures of the drives.
+    network: SightNetwork, drives: Sequence[Recorded], twin: Twin, run: SightRun, out: Path
+) -> np.ndarray:
+    """Let a network learn on and write sight.onnx; the `errors` of its base and it, (2, 2).
 
-    ``looks``: the twin's. Of ``run`` steps, batch and seed count. ContractError: no base in FP32.
+    Of ``run`` base, steps, batch and seed count.
     """
-    network, seed, own = learned(base), run.seed, drives[0].road_map
+    base, path = OnnxSight(run.base or ""), out / "sight.onnx"
     training = [load_map(name) for name in division().maps.training]
-    usual = Sites(load_look_sampler(name) for name in USUAL)
-    worlds = ([own], looks), (training, usual)
-    learn, scale = (
-        [_seen(*world, seed + k, decisions) for world in worlds]
-        for k, decisions in enumerate((DECISIONS, CHECKED))
-    )
+    own, usual = look_sampler(twin.plain(), "twin"), Sites(map(load_look_sampler, USUAL))
+    learn, scale = list[seen.Pictures](), list[seen.Pictures]()
+    for some, decisions, seed in ((learn, DECISIONS, run.seed), (scale, CHECKED, run.seed + 1)):
+        for maps, look in (([drives[0].road_map], own), (training, usual)):
+            task = Bystanders(maps, seen.ROBOTS, seen.START_SPREAD, seed)
+            some += [seen.drive(task, look, seed, decisions), seen.anywhere(maps, look, seed)]
     shown, held_out = (recorded(drives, twin, part) for part in (False, True))
-    batches = Batches(joined([*learn, shown]), None, run)
     optimiser = torch.optim.AdamW(network.parameters(), RATE)
-    step = lesson(network.train(), optimiser, batches)
+    step = lesson(network.train(), optimiser, Batches(seen.joined([*learn, shown]), None, run))
     for number in track(range(run.steps), "teaching", console=Console(soft_wrap=True)):
-        step(np.random.default_rng((seed, number)), number)
-    calibrate(network, joined(scale))
-    path, steps = out / "sight.onnx", OnnxSight(base).contract.trained_steps + run.steps
-    contract = SightContract(IMAGE, run=out.name, trained_steps=steps)
+        step(np.random.default_rng(number), number)
+    calibrate(network, seen.joined(scale))
+    steps = base.contract.trained_steps + run.steps
+    contract = replace(base.contract, run=out.name, trained_steps=steps)
     export_sight(network, contract, held_out.images, path)
-    before, after = (errors(OnnxSight(file), held_out) for file in (base, path))
-    return before, after
+    return np.array([errors(sight, held_out) for sight in (base, OnnxSight(path))])
 
 
-def _seen(maps: list[RoadMap], looks: Looks, seed: int, decisions: int) -> Pictures:
-    task = Bystanders(maps, ROBOTS, START_SPREAD, seed)
-    return joined([drive(task, looks, seed, decisions), anywhere(maps, looks, seed)])
-
-
-def recorded(drives: Sequence[Recorded], twin: Twin, held_out: bool) -> Pictures:
+def recorded(drives: Sequence[Recorded], twin: Twin, held_out: bool) -> seen.Pictures:
     """What one part of each drive shows. Of what was in its way nobody knows."""
     late_s = twin.found.get("timing.camera_delay_s", (0.0, 0.0))[0]
     parts = []
@@ -101,17 +69,17 @@ def recorded(drives: Sequence[Recorded], twin: Twin, held_out: bool) -> Pictures
         ways = *poses[:, :2].T, np.unwrap(poses[:, 2])
         taken = np.column_stack([np.interp(times_s - late_s, times_s, way) for way in ways])
         chosen = np.flatnonzero(held_out == (times_s > (1.0 - HELD_OUT) * times_s[-1]))
-        labels = np.array([label(view, pose) for pose in taken[chosen].tolist()])
-        labels[:, FREE], labels[:, THING] = np.nan, -1.0
-        images = np.array([preprocess(each.images[k], IMAGE) for k in chosen])
-        parts.append(Pictures(images, labels))
-    return joined(parts)
+        labels = np.array([seen.label(view, pose) for pose in taken[chosen].tolist()])
+        labels[:, seen.FREE], labels[:, seen.THING] = np.nan, -1.0
+        images = np.array([preprocess(each.images[k], seen.IMAGE) for k in chosen])
+        parts.append(seen.Pictures(images, labels))
+    return seen.joined(parts)
 
 
-def errors(sight: OnnxSight, pictures: Pictures) -> Errors:
-    """Of what a sight says of these pictures."""
+def errors(sight: OnnxSight, pictures: seen.Pictures) -> np.ndarray:
+    """Root mean squares in lanes outside junctions: offset [m] and heading [rad]."""
     labels, found = pictures.labels, sight(pictures.images).figures
-    lane = (labels[:, CROSSING] == 0.0) & (labels[:, 0] <= IN_LANE_M)
-    off = (found - labels[:, : found.shape[1]])[lane]
+    lane = (labels[:, seen.CROSSING] == 0.0) & (labels[:, 0] <= seen.IN_LANE_M)
+    off = (found[:, :2] - labels[:, :2])[lane]
     off[:, 1] = wrap_angle(off[:, 1])
-    return Errors(*np.sqrt(np.mean(off[:, :2] ** 2, axis=0)).tolist())
+    return np.asarray(np.sqrt(np.mean(off**2, axis=0)))
