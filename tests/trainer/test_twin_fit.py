@@ -16,7 +16,7 @@ from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
 from tests import thorough
 from tests.trainer.virtual_drive import record_drive
-from trainer.twin import fit
+from trainer.twin import camera, fit
 from trainer.twin.camera import NAMES as NAMES_SEEN
 from trainer.twin.camera import USUAL, Fitted, rival_of
 from trainer.twin.fit import EYE_PIECE_S, fit_twin, looked_at, write_twin
@@ -121,6 +121,7 @@ def test_the_look_of_a_known_robot_is_found(
 ) -> None:
     monkeypatch.setattr(fit, "TRACKED", 100)  # of a short drive fewer are enough
     monkeypatch.setattr(fit, "KEY_PICTURES", 15)
+    monkeypatch.setattr(camera, "TRIED_RAD", camera.TRIED_RAD[1::2])
     twin = fit_twin([read_drive(recording)])
     found: Look = twin.look
     assert found.camera.height_m == pytest.approx(OWN.camera.height_m, abs=0.004)

@@ -18,7 +18,7 @@ from trainer.division import division
 from trainer.sight.cli import SHIPPED, SightRun
 from trainer.sight.network import learned
 from trainer.sight.pictures import FIGURES, FREE, ROAD, THING, label
-from trainer.twin import sight
+from trainer.twin import cli, sight
 from trainer.twin.fit import Twin
 from trainer.twin.recorded import Recorded
 from trainer.twin.sight import errors, recorded, teach_sight
@@ -115,3 +115,21 @@ def test_it_learns_on_and_leaves_a_sight(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_sight_in_int8_is_refused_before_anything_is_read(tmp_path: Path) -> None:
     assert main(["teach", "none.mcap", "--base", "sight_int8", "--out", str(tmp_path / "a")]) == 2
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize(
+    ("after", "status", "said"), [((0.018, 0.089), 0, "1.8 cm"), ((0.018, 0.091), 1, "keep that")]
+)
+def test_who_sees_a_tenth_better_is_worth_it(
+    after: tuple[float, float],
+    status: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(cli, "_fit", lambda *_: ([], None))
+    monkeypatch.setattr(sight, "teach_sight", lambda *_: np.array(((0.02, 0.1), after)))
+    assert main(["teach", "own.mcap", "--base", "sight"]) == status
+    told = capsys.readouterr().out
+    assert said in told
+    assert ("keep that" in told) == bool(status)

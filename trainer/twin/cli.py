@@ -126,6 +126,6 @@ def _teach_sight(base: Path, recordings: Sequence[Path], out: Path, steps: int, 
     for name, (offset_m, heading_rad) in zip(("before", out / "sight.onnx"), found, strict=True):
         told = f"{100.0 * offset_m:.1f} cm and {math.degrees(heading_rad):.1f} degrees"
         console.print(f"{name}: errs by {told} in held-out pictures", markup=False)
-    if worse := (found[1] / found[0]).mean() > 1.0:
-        console.print("it sees worse than its base: keep that", markup=False)
-    return int(worse)
+    if poor := (found[1] / found[0]).mean() > 0.9:  # the labels' own errors are learned, too
+        console.print("it sees not a tenth better than its base: keep that", markup=False)
+    return int(poor)
