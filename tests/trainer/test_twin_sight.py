@@ -118,7 +118,12 @@ def test_a_sight_in_int8_is_refused_before_anything_is_read(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("after", "status", "said"), [((0.018, 0.089), 0, "1.8 cm"), ((0.018, 0.091), 1, "keep that")]
+    ("after", "status", "said"),
+    [
+        ((0.018, 0.089), 0, "1.8 cm"),
+        ((0.018, 0.091), 1, "keep that"),
+        ((0.01, np.nan), 1, "keep that"),  # no lane was seen
+    ],
 )
 def test_who_sees_a_tenth_better_is_worth_it(
     after: tuple[float, float],

@@ -60,7 +60,7 @@ def teach_command(
     """Teach a policy, or a sight, your floor: fit a twin, learn on in it, and prove it there.
 
     Leaves twin.yaml, twin.html and model.onnx, or sight.onnx, in its folder. Exit status 1 if the
-    proof is not enough for a robot to arm, or its base is better.
+    proof is not enough for a robot to arm, or its base drives better or sees nearly as well.
 
     Args:
         recordings: MCAP files of drives on one map.
@@ -126,6 +126,6 @@ def _teach_sight(base: Path, recordings: Sequence[Path], out: Path, steps: int, 
     for name, (offset_m, heading_rad) in zip(("before", out / "sight.onnx"), found, strict=True):
         told = f"{100.0 * offset_m:.1f} cm and {math.degrees(heading_rad):.1f} degrees"
         console.print(f"{name}: errs by {told} in held-out pictures", markup=False)
-    if poor := (found[1] / found[0]).mean() > 0.9:  # the labels' own errors are learned, too
-        console.print("it sees not a tenth better than its base: keep that", markup=False)
+    if poor := not (found[1] / found[0]).mean() <= 0.9:  # the labels' own errors are learned, too
+        console.print("it does not see a tenth better than its base: keep that", markup=False)
     return int(poor)
