@@ -12,9 +12,10 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -107,13 +108,11 @@ def judge(options: argparse.Namespace, folder: Path) -> Iterator[Floor]:
         )
 
 
-def main() -> int:
-    """Print each floor."""
-    parser = OneLineParser(prog="python -m tests.trainer.judge_teach", description=__doc__)
-    parser.add_argument("--base", default="lane_coached", help="an ONNX file or a shipped policy")
-    parser.add_argument("--map", default="rings/claw", help="of a ring, or a town for navigators")
+def tell(
+    parser: argparse.ArgumentParser, judge: Callable[[argparse.Namespace, Path], Iterator[Any]]
+) -> int:
+    """Print each floor, and write them, as options that both judges have say."""
     parser.add_argument("--seconds", type=number(20, 1200), default=180.0, help="of each drive")
-    parser.add_argument("--drives", type=whole(1, 1000), default=50, help="on each true floor")
     parser.add_argument("--floors", nargs="*", help="such as noon_askew; all without")
     parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=0)
     parser.add_argument("--json", type=Path, help="write the figures")
@@ -121,11 +120,20 @@ def main() -> int:
     done = []
     with tempfile.TemporaryDirectory() as folder:
         for floor in judge(options, Path(folder)):
-            done.append(floor)
-            print(", ".join(f"{k} {v}" for k, v in asdict(floor).items()), flush=True)
+            done.append(asdict(floor))
+            print(", ".join(f"{k} {v}" for k, v in done[-1].items()), flush=True)
             if options.json:
-                write_json(options.json, {"floors": [asdict(each) for each in done]})
+                write_json(options.json, {"floors": done})
     return 0
+
+
+def main() -> int:
+    """Judge policies."""
+    parser = OneLineParser(prog="python -m tests.trainer.judge_teach", description=__doc__)
+    parser.add_argument("--base", default="lane_coached", help="an ONNX file or a shipped policy")
+    parser.add_argument("--map", default="rings/claw", help="of a ring, or a town for navigators")
+    parser.add_argument("--drives", type=whole(1, 1000), default=50, help="on each true floor")
+    return tell(parser, judge)
 
 
 if __name__ == "__main__":

@@ -10,20 +10,18 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-import tempfile
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from robot.command_line import OneLineParser, number, whole
+from robot.command_line import OneLineParser, whole
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.road_map import load_map
-from robot.output import write_json
 from robot.vision.sight import OnnxSight
 from sim_pybullet.look import ARENA_POSE, NOMINAL, Look
 from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.navigation import Navigation
-from tests.trainer.judge_teach import FIRST, floors
+from tests.trainer.judge_teach import FIRST, floors, tell
 from tests.trainer.virtual_drive import record_drive
 from trainer.division import division, maps_named
 from trainer.judging.evaluate import ridden
@@ -50,14 +48,14 @@ class Floor:
     kept: bool  # what was taught, says teach
 
 
-def err(sight: Path, maps: list[str], look: Look) -> tuple[float, float]:
+def err(sight: Path, maps: Sequence[str], look: Look) -> tuple[float, float]:
     """Offset [cm] and heading [degrees], in pictures of disturbed experts."""
     task = Navigation([load_map(name) for name in maps], ROBOTS, START_SPREAD)
     found = errors(OnnxSight(sight), drive(task, [look], FIRST, DECISIONS))
     return 100.0 * float(found[0]), math.degrees(found[1])
 
 
-def arrived(sight: Path, maps: list[str], look: Look, missions: int) -> int:
+def arrived(sight: Path, maps: Sequence[str], look: Look, missions: int) -> int:
     """Missions that arrive; robots are told their pose at the start only."""
     policy, places = OnnxPolicy(NAVIGATOR), [load_map(name) for name in maps]
     sources = PoseSources("start", OnnxSight(sight))
@@ -70,7 +68,7 @@ def judge(options: argparse.Namespace, folder: Path) -> Iterator[Floor]:
     """One floor after the other."""
     base = base_file(options.base)
     towns = maps_named(["judging/towns"])
-    everywhere = list(division().maps.judging)
+    everywhere = division().maps.judging
     for k, (name, look) in enumerate(floors(options.seed)):
         if options.floors and name not in options.floors:
             continue
@@ -93,25 +91,13 @@ def judge(options: argparse.Namespace, folder: Path) -> Iterator[Floor]:
 
 
 def main() -> int:
-    """Print each floor."""
+    """Judge sights."""
     parser = OneLineParser(prog="python -m tests.trainer.judge_teach_sight", description=__doc__)
     parser.add_argument("--base", default="sight", help="an ONNX file or a shipped sight")
     parser.add_argument("--map", default="arena", help="that is driven and recorded")
-    parser.add_argument("--seconds", type=number(20, 1200), default=180.0, help="of each drive")
     parser.add_argument("--steps", type=whole(1, 100_000), default=900, help="of learning")
     parser.add_argument("--missions", type=whole(1, 1000), default=40, help="on each true floor")
-    parser.add_argument("--floors", nargs="*", help="such as noon_askew; all without")
-    parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=0)
-    parser.add_argument("--json", type=Path, help="write the figures")
-    options = parser.parse_args()
-    done = []
-    with tempfile.TemporaryDirectory() as folder:
-        for floor in judge(options, Path(folder)):
-            done.append(floor)
-            print(", ".join(f"{k} {v}" for k, v in asdict(floor).items()), flush=True)
-            if options.json:
-                write_json(options.json, {"floors": [asdict(each) for each in done]})
-    return 0
+    return tell(parser, judge)
 
 
 if __name__ == "__main__":
