@@ -29,7 +29,7 @@ COUNT = 60
 
 
 def poses_along() -> np.ndarray:
-    """(N, 3) along a straight lane, 3 cm in a tenth of a second, weaving, through heading pi."""
+    """(N, 3) along a straight lane, 8 mm in a tenth of a second, weaving, through heading pi."""
     west = [lane for lane in LOOP.lanes if np.ptp(lane.control_points_m[:, 1]) < 1e-6]
     lane = min(west, key=lambda lane: float(np.diff(lane.control_points_m[[0, 3], 0])[0]))
     a, b = lane.control_points_m[0], lane.control_points_m[3]
