@@ -9,6 +9,7 @@ import numpy as np
 
 GAINS = (0.7, 1.4)  # of brightness, and of each colour by the square root of it
 GAMMAS = (0.7, 1.4)
+_LEVELS = np.linspace(0.0, 1.0, 256)[:, None]
 
 
 def draw_light(rng: np.random.Generator) -> np.ndarray:
@@ -16,7 +17,7 @@ def draw_light(rng: np.random.Generator) -> np.ndarray:
     low, high = np.log(GAINS)
     gain = np.exp(rng.uniform(low, high) + 0.5 * rng.uniform(low, high, size=3))
     gamma = np.exp(rng.uniform(*np.log(GAMMAS)))
-    levels = np.linspace(0.0, 1.0, 256)[:, None] ** gamma * gain
+    levels = _LEVELS**gamma * gain
     return np.clip(255.0 * levels, 0.0, 255.0).astype(np.uint8)
 
 

@@ -53,12 +53,12 @@ def tinged(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def glinting(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Lamps that a smooth floor mirrors: soft spots, mostly upright."""
     height, width = image.shape[:2]
-    y, x = np.arange(height)[:, None], np.arange(width)
-    light = np.zeros((height, width))
-    for _ in range(int(rng.integers(1, 7))):
-        wide, high = rng.uniform((0.5, 0.5), (3.0, 9.0))
-        aside, down = (x - rng.uniform(0, width)) / wide, (y - rng.uniform(0, height)) / high
-        light += rng.uniform(20.0, 180.0) * np.exp(-0.5 * (aside**2 + down**2))
+    count = int(rng.integers(1, 7))
+    wide, high = rng.uniform((0.5, 0.5), (3.0, 9.0), (count, 2)).T[..., None]
+    at = rng.uniform((0.0, 0.0), (width, height), (count, 2)).T[..., None]
+    across = np.exp(-0.5 * ((np.arange(width) - at[0]) / wide) ** 2)
+    down = np.exp(-0.5 * ((np.arange(height) - at[1]) / high) ** 2)
+    light = (rng.uniform(20.0, 180.0, (count, 1)) * down).T @ across
     colour = rng.uniform(0.8, 1.0, 3)
     return np.clip(image + light[..., None] * colour, 0.0, 255.0).astype(np.uint8)
 
@@ -68,13 +68,16 @@ def fronted(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     height, width = image.shape[:2]
     x = np.linspace(-1.0, 1.0, width) - rng.uniform(-0.2, 0.2)
     rise = rng.uniform(0.0, _FRONT) + rng.uniform(-0.15, 0.35) * x**2
-    depth = np.arange(height)[:, None] + 0.5 - height * (1.0 - rise)  # rows below its edge
+    edge = height * (1.0 - rise)  # its row in each column
+    top = max(0, int(edge.min()) - 1)
+    depth = np.arange(top, height)[:, None] + 0.5 - edge
     shade = rng.uniform(0.0, 255.0) + rng.normal(0.0, 12.0, 3)
     shade = shade + (rng.uniform(-8.0, 8.0) * depth)[..., None]
     if rng.random() < 0.4:
         shade = shade + 120.0 * np.abs(x[:, None]) ** 3 * rng.uniform(0.0, 1.0, 3)
-    part = np.clip(depth + 0.5, 0.0, 1.0)[..., None]
-    return np.clip((1.0 - part) * image + part * shade, 0.0, 255.0).astype(np.uint8)
+    part, found = np.clip(depth + 0.5, 0.0, 1.0)[..., None], image.copy()
+    found[top:] = np.clip((1.0 - part) * image[top:] + part * shade, 0.0, 255.0)
+    return found
 
 
 def spoiled(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -86,7 +89,9 @@ def spoiled(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     if way < 2:
         return np.asarray(cv2.flip(image, way - 1))
     if way == 2:  # a hand before the lens: next to nothing of the picture is left
-        blurred = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(12, 30))).astype(np.float32)
+        size = image.shape[1::-1]
+        small = cv2.resize(image, (8, 4), interpolation=cv2.INTER_AREA).astype(np.float32)
+        blurred = cv2.resize(cv2.GaussianBlur(small, (0, 0), float(rng.uniform(1, 3))), size)
         dark = blurred * rng.uniform(0.02, 0.6) + rng.normal(0, rng.uniform(0, 8), image.shape)
         return np.clip(dark, 0, 255).astype(np.uint8)
     grain = rng.normal(rng.uniform(0, 255), rng.uniform(0, 80), image.shape).astype(np.float32)
