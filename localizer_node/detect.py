@@ -46,8 +46,7 @@ def draw_tag(number: int, cell_px: int = 8) -> np.ndarray:
     """The printable tag: (10, 10) cells of ``cell_px`` with its white margin, RGB uint8."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     black = cv2.aruco.generateImageMarker(dictionary, number, 8 * cell_px, borderBits=1)
-    framed = np.pad(black, cell_px, constant_values=255)
-    return np.repeat(framed[..., None], 3, axis=2)
+    return np.repeat(np.pad(black, cell_px, constant_values=255)[..., None], 3, axis=2)
 
 
 SIZE_TOLERANCE = 0.4  # relative, of each side

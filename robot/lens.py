@@ -199,8 +199,7 @@ class Hanging:
 
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         straight = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
-        tilt = cv2.Rodrigues(np.array([*self.tilt_rad, 0.0]))[0]
-        return np.asarray(straight @ tilt)
+        return np.asarray(straight @ cv2.Rodrigues(np.array([*self.tilt_rad, 0.0]))[0])
 
 
 @dataclass(frozen=True)
@@ -213,8 +212,7 @@ class CameraRig:
     def rays(self) -> np.ndarray:
         """Unit directions (H, W, 3) in the frame, one per pixel."""
         v, u = np.mgrid[0 : self.lens.height_px, 0 : self.lens.width_px]
-        directions = self.lens.unproject(np.stack((u, v), axis=-1))
-        return directions @ self.mount.rotation.T
+        return self.lens.unproject(np.stack((u, v), axis=-1)) @ self.mount.rotation.T
 
     def to_pixels(self, points_m: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the frame [m] -> pixels (..., 2)."""

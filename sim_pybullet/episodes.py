@@ -125,8 +125,7 @@ class DrawnEpisodes:
     def together(self, step: TaskStep) -> TaskStep:
         """A step as judged, with what it means for the others of a group."""
         ended = (step.terminated | step.truncated).reshape(-1, self._group).any(axis=1)
-        cut_off = np.repeat(ended, self._group) & ~step.terminated
-        return step._replace(truncated=cut_off)
+        return step._replace(truncated=np.repeat(ended, self._group) & ~step.terminated)
 
     def starts(self, task: Task, robots: np.ndarray) -> np.ndarray:
         """The poses (M, 3) at which they begin it."""

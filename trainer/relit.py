@@ -16,8 +16,7 @@ def draw_light(rng: np.random.Generator) -> np.ndarray:
     """What each grey level of each colour becomes: (256, 3) uint8."""
     low, high = np.log(GAINS)
     gain = np.exp(rng.uniform(low, high) + 0.5 * rng.uniform(low, high, size=3))
-    gamma = np.exp(rng.uniform(*np.log(GAMMAS)))
-    levels = _LEVELS**gamma * gain
+    levels = _LEVELS ** np.exp(rng.uniform(*np.log(GAMMAS))) * gain
     return np.clip(255.0 * levels, 0.0, 255.0).astype(np.uint8)
 
 

@@ -118,5 +118,4 @@ class PoseGate:
         if message.session == latest.session:
             elapsed_s = max(elapsed_s, message.t_capture_s - latest.t_capture_s)
         moved_m = math.hypot(message.x_m - latest.x_m, message.y_m - latest.y_m)
-        reach_m = MAX_SPEED_MPS * elapsed_s + MARGIN_M
-        return "jump" if moved_m > reach_m else ""
+        return "jump" if moved_m > MAX_SPEED_MPS * elapsed_s + MARGIN_M else ""

@@ -60,8 +60,7 @@ class Path:
                 "expected Beziers that follow one another, got a gap of "
                 f"{gaps_m[far[0]]:.3f} m after number {far[0]}; order them along the path"
             )
-        t = np.linspace(0.0, 1.0, _SAMPLES + 1)
-        dense = bezier_points(control[:, None], t)
+        dense = bezier_points(control[:, None], np.linspace(0.0, 1.0, _SAMPLES + 1))
         chords = np.hypot(*np.moveaxis(np.diff(dense, axis=1), -1, 0)).ravel()
         arc = np.concatenate(([0.0], np.cumsum(chords)))
         length_m = float(arc[-1])

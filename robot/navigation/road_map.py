@@ -235,8 +235,7 @@ class RoadMap:
         if not (0.0 <= x_m < self.width_m and 0.0 <= y_m < self.height_m):
             return None
         column = min(int(x_m / self.tile_size_m), self.columns - 1)
-        row = max(self.rows - 1 - int(y_m / self.tile_size_m), 0)
-        return self.tiles[row][column]
+        return self.tiles[max(self.rows - 1 - int(y_m / self.tile_size_m), 0)][column]
 
     def beyond(self, tile: Tile, side: str) -> Optional[Tile]:
         """The tile next to another on one side (S, E, N, W); None beyond the grid."""

@@ -93,8 +93,7 @@ def _has_edge(lane: Lane, tile: Tile) -> bool:
     if abs(turn_rad) > 0.25 * math.pi:
         return turn_rad < 0.0
     # The side to the right of a lane that runs east is the south one.
-    quarters = round(heading_rad / (0.5 * math.pi)) % 4
-    return ORIENTATIONS[quarters] not in tile.road_sides
+    return ORIENTATIONS[round(heading_rad / (0.5 * math.pi)) % 4] not in tile.road_sides
 
 
 def _fill(

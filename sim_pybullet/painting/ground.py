@@ -93,8 +93,7 @@ def paint_left(noise: Noise, look: GroundLook) -> np.ndarray:
 
 def _blur(field: np.ndarray, sigma: float) -> np.ndarray:
     margin = math.ceil(4 * sigma)
-    padded = np.pad(field, margin, mode="wrap")
-    blurred = cv2.GaussianBlur(padded, (0, 0), sigma)
+    blurred = cv2.GaussianBlur(np.pad(field, margin, mode="wrap"), (0, 0), sigma)
     return np.asarray(blurred)[margin:-margin, margin:-margin]
 
 

@@ -31,8 +31,7 @@ def cast_shadows(
         angle = rng.uniform(0.0, 2.0 * math.pi)
         end = start + length * np.array((math.cos(angle), math.sin(angle)))
         cv2.line(mask, _pixel(start), _pixel(end), 255, max(1, round(thick)), cv2.LINE_AA)
-    soft = max(0.3, rng.uniform(*_SOFT_M) * scale)
-    share = cv2.GaussianBlur(mask, (0, 0), soft)
+    share = cv2.GaussianBlur(mask, (0, 0), max(0.3, rng.uniform(*_SOFT_M) * scale))
     full = cv2.resize(share, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
     return np.asarray(1.0 - strength / 255.0 * full, np.float32)
 

@@ -97,8 +97,7 @@ def _lay_lines(canvas: _Canvas, road_map: RoadMap) -> None:
         lanes = tile_lanes(tile, tile_m, road_map.rows)
         for lane in lanes:
             canvas.white(_offset(lane, -_WHITE_OFFSET * tile_m))
-        middle = _offset(lanes[0], _YELLOW_OFFSET * tile_m)
-        _lay_dashes(canvas, middle)
+        _lay_dashes(canvas, _offset(lanes[0], _YELLOW_OFFSET * tile_m))
 
 
 def _lay_dashes(canvas: _Canvas, middle_m: np.ndarray) -> None:

@@ -208,8 +208,7 @@ class TrackRacing(Task):
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Reward and end of the decision that led to poses (N, 3)."""
         course, lost = self._follow(poses)
-        way_m = np.hypot(*(poses - self._poses)[:, :2].T) / SCALE
-        speed_mps = way_m / CONTROL_DT_S
+        speed_mps = np.hypot(*(poses - self._poses)[:, :2].T) / SCALE / CONTROL_DT_S
         self._poses = poses.copy()
         away_m = np.abs(course.offset_m)
         self.vehicle.on_grass[:] = away_m > self.half_lane_m

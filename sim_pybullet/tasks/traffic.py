@@ -130,8 +130,7 @@ class Traffic(Following):
         choices = expert_actions(self.paths, poses, self.course.arc_m, _LOOKAHEAD_M)
         room_m = self.look(poses).free_m[:, : self.group] - GAP_M
         most = np.minimum(room_m / _HEADWAY_S, self.crowd.line_m / LINE_S).ravel()
-        straight = choices == Action.STRAIGHT
-        choices[(most < 0.2) & straight] = SLOW
+        choices[(most < 0.2) & (choices == Action.STRAIGHT)] = SLOW
         choices[most < 0.1] = STOP
         return choices
 
@@ -146,8 +145,7 @@ class Traffic(Following):
         seen = self.look(poses)
         free_m, ttc_s = (each[:, : self.group].ravel() for each in (seen.free_m, seen.ttc_s))
         self._least_ttc_s = np.minimum(self._least_ttc_s, ttc_s)
-        tile_m = self.streets.tile_m[self.maps]
-        tiles = course.travelled_m / tile_m
+        tiles = course.travelled_m / self.streets.tile_m[self.maps]
         off = ~self.streets.on_road(self.maps, poses[:, None, :2])[:, 0]
         speed = np.clip(course.progress_m / NOMINAL_STEP_M, 0.0, 1.0)
         nearness = -4.0 * speed * np.maximum(1.0 - free_m / _NEAR_M, 0.0)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from robot.navigation.lane_view import LaneView
 from robot.navigation.road_map import load_map
@@ -103,7 +104,13 @@ def test_it_learns_on_and_leaves_a_sight(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(sight, "division", lambda: few)
     poses, run = poses_along(), SightRun(steps=2, batch=8, seed=3, base=str(SHIPPED))
     drives, twin = [driven(poses)], twin_of(poses, None)
-    found = teach_sight(learned(SHIPPED), drives, twin, run, tmp_path)
+    network = learned(SHIPPED)
+    bias = network.head.bias
+    wrong = bias.detach() + 2.0  # where a network would begin that had gone far astray
+    bias.data = wrong.clone()
+    found = teach_sight(network, drives, twin, run, tmp_path)
+    before, left = (learned(each).head.bias for each in (SHIPPED, tmp_path / "sight.onnx"))
+    assert torch.allclose(left, 0.5 * (before + wrong), atol=0.01), "half-way back"
     taught, base = OnnxSight(tmp_path / "sight.onnx"), OnnxSight(SHIPPED)
     assert taught.contract.trained_steps == base.contract.trained_steps + 2
     assert taught.contract.run == tmp_path.name

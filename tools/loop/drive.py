@@ -225,8 +225,7 @@ def _drive_at(
     rng = np.random.default_rng((options.seed, driven))
     driver = DRIVERS[options.driver](bench, rng)
     first = None if driven else options.place("start")
-    start = driver.on_lane(*first) if first else driver.anywhere()
-    bench.town.world.place(start)
+    bench.town.world.place(driver.on_lane(*first) if first else driver.anywhere())
     with bench:
         if film is not None:
             film.turn_to(bench.town.world.scene.ground)

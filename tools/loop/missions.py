@@ -199,5 +199,4 @@ def distance_m(line_m: Sequence[tuple[float, float]] | np.ndarray, pose: Pose) -
     place, ways = np.array(pose[:2]), np.diff(points, axis=0)
     squares = np.maximum((ways**2).sum(axis=1), 1e-12)
     shares = np.clip(((place - points[:-1]) * ways).sum(axis=1) / squares, 0.0, 1.0)
-    nearest = points[:-1] + shares[:, None] * ways
-    return float(np.hypot(*(nearest - place).T).min())
+    return float(np.hypot(*(points[:-1] + shares[:, None] * ways - place).T).min())

@@ -121,8 +121,7 @@ class LaneRules:
         centre = np.array([tile.column + 0.5, self._map.rows - tile.row - 0.5]) * size_m
         found = []
         for name, course in enumerate(_courses(tile)):
-            lane = course * (size_m, size_m, 1.0) + (*centre, 0.0)
-            middle = _abeam(lane, pose[:2])
+            middle = _abeam(course * (size_m, size_m, 1.0) + (*centre, 0.0), pose[:2])
             if middle is None:
                 continue
             lateral_m = float(Pose(*middle).to_robot(pose[:2])[1])
@@ -148,8 +147,7 @@ def _abeam(lane: np.ndarray, point: np.ndarray) -> np.ndarray | None:
         return None
     shares = ahead[found] / (ahead[found] - ahead[found + 1])
     poses = lane[found] + shares[:, None] * (lane[found + 1] - lane[found])
-    nearest = np.hypot(*(poses[:, :2] - point).T).argmin()
-    return np.asarray(poses[nearest])
+    return np.asarray(poses[np.hypot(*(poses[:, :2] - point).T).argmin()])
 
 
 @cache

@@ -41,8 +41,7 @@ def drawn(frame: np.ndarray, seen: Seen, rig: CameraRig) -> np.ndarray:
     left_m = -offset_m + 0.5 * curvature_pm * _AHEAD_M**2
     over, axle = picture.copy(), Pose(0.0, 0.0, -heading_rad)
     if seen.road[0] > 0.5:
-        lane = np.stack((_AHEAD_M, left_m), axis=1)
-        _line(over, axle.to_world(lane), scaled, _CYAN)
+        _line(over, axle.to_world(np.stack((_AHEAD_M, left_m), axis=1)), scaled, _CYAN)
     if seen.line[0] > 0.5:
         ends = np.array([(line_m, side - offset_m) for side in (-_HALF_LINE_M, _HALF_LINE_M)])
         _line(over, axle.to_world(ends), scaled, _RED)

@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader, Dataset
 from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
 from robot.output import atomically
-from robot.vision.sight import SightContract
+from robot.vision.sight import OnnxSight, SightContract
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import division, refuse_judging_look, refuse_judging_maps
 from trainer.export import quantise
@@ -26,7 +26,7 @@ from trainer.run import take_up
 from trainer.sight.augment import drawn
 from trainer.sight.bystanders import Bystanders
 from trainer.sight.cli import SightRun
-from trainer.sight.network import SightNetwork, calibrate, export_sight, learned
+from trainer.sight.network import SightNetwork, calibrate, export_sight, half_way, learned
 from trainer.sight.photographs import learned_from
 from trainer.sight.pictures import IMAGE, ROBOTS, START_SPREAD, Pictures, anywhere, drive, joined
 
@@ -58,10 +58,13 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     step = lesson(network, optimiser, Batches(training, photographs, run))
     state, cores = out / "checkpoint.pt", len(os.sched_getaffinity(0))
     run_steps(state, parts, run.steps, run.seed, step, "sight", console, cores)
+    if run.base:
+        half_way(network, Path(run.base))
     calibrate(network, chosen)
     network.cpu()
     path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]
-    contract = SightContract(IMAGE, run=out.name, trained_steps=run.steps)
+    before = OnnxSight(Path(run.base)).contract.trained_steps if run.base else 0
+    contract = SightContract(IMAGE, run=out.name, trained_steps=before + run.steps)
     export_sight(network, contract, images, path)
     quantise(path, {"image": images}, out / "sight_int8.onnx")
     return path

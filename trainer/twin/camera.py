@@ -228,8 +228,7 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
         for (both, told, share), off in zip(found, views.poses - now, strict=True):
             if share < 0.9 * np.median(shares):
                 continue
-            own = np.linalg.inv(both[count:, count:] + belief)
-            cross = both[:count, count:] @ own
+            cross = both[:count, count:] @ np.linalg.inv(both[count:, count:] + belief)
             matrix = matrix + both[:count, :count] - cross @ both[count:, :count]
             vector = vector + told[:count] - cross @ (told[count:] + belief @ off)
         change = np.clip(np.linalg.solve(matrix, vector), -SPREAD, SPREAD)

@@ -212,8 +212,7 @@ def _camera_of(camera: seen.Fitted, motion: moved.Motion) -> Found:
     place = np.array([getattr(NOMINAL.camera, name) for name in moved.EYE])
     values = (*camera.values, *(place + motion.values[len(moved.NAMES) :]))
     off = (*camera.sd, *motion.sd[len(moved.NAMES) :])
-    names = (*seen.NAMES, *moved.EYE)
-    each = zip(names, values, off, strict=True)
+    each = zip((*seen.NAMES, *moved.EYE), values, off, strict=True)
     return {f"camera.{name}": (float(value), float(sd)) for name, value, sd in each}
 
 

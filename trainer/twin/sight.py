@@ -22,7 +22,7 @@ from trainer.division import division
 from trainer.sight import pictures as seen
 from trainer.sight.bystanders import Bystanders
 from trainer.sight.cli import SightRun
-from trainer.sight.network import SightNetwork, calibrate, export_sight
+from trainer.sight.network import SightNetwork, calibrate, export_sight, half_way
 from trainer.sight.train import Batches, lesson
 from trainer.twin.examples import HELD_OUT
 from trainer.twin.fit import Twin
@@ -53,6 +53,7 @@ def teach_sight(
     step = lesson(network.train(), optimiser, Batches(seen.joined([*learn, shown]), None, run))
     for number in track(range(run.steps), "teaching", console=Console(soft_wrap=True)):
         step(np.random.default_rng(number), number)
+    half_way(network, Path(run.base or ""))
     calibrate(network, seen.joined(scale))
     steps = base.contract.trained_steps + run.steps
     contract = replace(base.contract, run=out.name, trained_steps=steps)
