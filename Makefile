@@ -33,6 +33,7 @@ layers: $(STAMP)  ## the direction of imports
 	$(VENV)/bin/lint-imports
 
 pytest: $(STAMP)  ## the tests on Python 3.11
+	$(PY) -m tests.warm
 	$(PY) -m pytest --numprocesses 2 --dist worksteal
 
 explore: $(STAMP)  ## the tests in full length, properties on examples drawn anew

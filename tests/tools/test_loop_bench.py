@@ -12,6 +12,7 @@ import pytest
 
 from robot.recording.reader import entries, read_turns
 from robot.recording.topics import OVERHEAD
+from tests.thorough import count
 from tests.tools.pursuit import write_pursuit
 from tools.faults.meet import every_case
 from tools.faults.stage import Stage
@@ -47,22 +48,23 @@ def test_a_mission_from_the_page_to_the_wheels(stage: Stage) -> None:
 
 
 FAULTS = [
+    ("localizer", "killed"),
+    ("programs", "robot SIGKILL"),
     ("camera", "freezes"),
     ("I2C", "chip reset"),
-    ("localizer", "killed"),
     ("network", "poses cut"),
-    ("programs", "robot SIGKILL"),
 ]
+DRIVERS = [("person", "0.132,0.7"), ("expert", "0.132,1.2")]
 
 
-@pytest.mark.parametrize(("family", "name"), FAULTS)
+@pytest.mark.parametrize(("family", "name"), FAULTS[: count(3, 5)])
 def test_a_fault_stops_the_robot_and_nothing_resumes(stage: Stage, family: str, name: str) -> None:
     (case,) = [case for case in every_case() if (case.family, case.name) == (family, name)]
     outcome = stage.play(case)
     assert not outcome.problem, f"{outcome.problem}; shown: {outcome.state}: {outcome.reason}"
 
 
-@pytest.mark.parametrize(("driver", "goal"), [("expert", "0.132,1.2"), ("person", "0.132,0.7")])
+@pytest.mark.parametrize(("driver", "goal"), DRIVERS[: count(1, 2)])
 def test_whoever_drives_the_recording_tells_it(driver: str, goal: str, tmp_path: Path) -> None:
     model = write_pursuit(tmp_path / "drifts.onnx", drift_per_m=6.0)
     words = ["--driver", driver, "--model", str(model), "--record", str(tmp_path / "drives")]

@@ -14,6 +14,7 @@ from robot.navigation.path import path_inputs
 from sim_pybullet.rendering.ray_camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from tests.sim_pybullet.racing.actions import RacingAction
+from tests.thorough import count
 from tests.trainer.toy import build_model
 from trainer.algorithms.dagger import Dagger
 from trainer.cli import main
@@ -105,7 +106,7 @@ def test_what_the_coach_says_is_what_is_learned(tmp_path: Path) -> None:
     env.close()
 
 
-@pytest.mark.parametrize("task", ["lane", "track"])
+@pytest.mark.parametrize("task", ["lane", "track"][: count(1, 2)])
 def test_a_run_keeps_its_coach(task: str, tmp_path: Path) -> None:
     out = tmp_path / "run"
     words = ["train", "--task", task, "--algo", "coached", "--preset", "debug", "--out", str(out)]

@@ -12,6 +12,7 @@ import torch
 from rich.console import Console
 from stable_baselines3.common.env_checker import check_env
 
+from tests.thorough import THOROUGH, count
 from tests.trainer.toy import (
     EPISODE_STEPS,
     BrightColumn,
@@ -47,7 +48,7 @@ def test_learns_the_toy(algorithm: str, tmp_path: Path) -> None:
     assert metrics.train_steps <= STEPS[algorithm] + 256
 
 
-@pytest.mark.parametrize("algorithm", ["dueling", "ppo"])
+@pytest.mark.parametrize("algorithm", ["dueling", "ppo"][: count(1, 2)])
 def test_learns_from_the_path_when_the_picture_is_empty(algorithm: str, tmp_path: Path) -> None:
     def make_navigator(config: RunConfig, robots: int, seed: int) -> ToyVecEnv:
         def one() -> gymnasium.Env:
@@ -71,7 +72,7 @@ def test_learns_from_the_path_when_the_picture_is_empty(algorithm: str, tmp_path
     assert np.mean(rewards) >= 0.9
 
 
-@pytest.mark.parametrize("algorithm", STEPS)
+@pytest.mark.parametrize("algorithm", STEPS if THOROUGH else ["dueling", "ppo"])
 def test_two_runs_with_one_seed_are_one_run(algorithm: str, tmp_path: Path) -> None:
     def run(name: str, seed: int) -> tuple[list[tuple[int, float]], dict[str, torch.Tensor]]:
         folder = tmp_path / name
@@ -146,7 +147,7 @@ def test_the_learning_rate_falls_to_what_shall_be_left(tmp_path: Path) -> None:
     assert falling(config.learn.learning_rate, config.rate_left)(1.0) == config.learn.learning_rate
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "a2c"])
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c"][: count(1, 2)])
 def test_chance_is_paid_for_less_and_less_and_not_at_all_in_the_end(
     algorithm: str, tmp_path: Path
 ) -> None:
