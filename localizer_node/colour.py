@@ -26,15 +26,17 @@ def mask_of(hsv: np.ndarray, colour: Colour) -> np.ndarray:
     return cv2.bitwise_or(below, cv2.inRange(hsv, (low, *floor), (180, 255, 255)))
 
 
-def blobs(image: np.ndarray, mask: np.ndarray, min_area_px: float) -> List[Blob]:
-    """The components of a mask of an RGB picture (H, W, 3), largest first."""
-    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+def blobs(image: np.ndarray, mask: np.ndarray, least_px: float, most_px: float) -> List[Blob]:
+    """The components of a mask of an RGB picture (H, W, 3), of such areas, largest first."""
+    # Of both levels, outlines and holes: on a floor of its own colour a board lies in a hole.
+    outlines, levels = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     found = []
-    for outline in outlines:
+    for k, outline in enumerate(outlines):
         u, v, width, height = cv2.boundingRect(outline)
-        if width * height >= min_area_px:
+        large = width * height >= least_px and levels[0, k, 3] < 0
+        if large and cv2.contourArea(outline) <= most_px:
             found.append(_blob(image, mask, outline, (u, v, u + width, v + height)))
-    found = [blob for blob in found if blob.area_px >= min_area_px]
+    found = [blob for blob in found if blob.area_px >= least_px]
     return sorted(found, key=lambda blob: -blob.area_px)
 
 

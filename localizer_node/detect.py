@@ -136,8 +136,9 @@ class Detector:
 
         def parts(colour: str, areas_m2: Iterable[float]) -> List[Part]:
             mask = mask_of(hsv, self.calibration.colour(colour))
-            least_px = 0.35 * min(areas_m2) * self._scales[0] ** 2  # a third of the smallest
-            return self._parts(blobs(crop, mask, least_px), corner_px)
+            sizes_px = np.outer(np.square(self._scales), list(areas_m2))
+            least_px, most_px = 0.35 * sizes_px.min(), 10.0 * sizes_px.max()  # boards may touch
+            return self._parts(blobs(crop, mask, least_px, most_px), corner_px)
 
         rears = parts(self.calibration.board_colour, (m.blue_m[0] * m.blue_m[1] for m in robots))
         found = [each for marker in self._of["plain"] for each in self._bare(marker, rears)]

@@ -28,7 +28,7 @@ def square(centre, half, colour="blue", size=60):
 @given(st.floats(20.0, 40.0), st.floats(20.0, 40.0), st.floats(4.0, 12.0))
 def test_the_centroid_is_right_to_a_fraction_of_a_pixel(u, v, half):
     image = square((u, v), half)
-    (blob,) = blobs(image, mask_of(to_hsv(image), BLUE), 20.0)
+    (blob,) = blobs(image, mask_of(to_hsv(image), BLUE), 20.0, 1e3)
     assert blob.centre_px == pytest.approx((u, v), abs=0.2)
     assert math.sqrt(blob.area_px) == pytest.approx(2.0 * half, abs=1.7)
 
@@ -36,7 +36,7 @@ def test_the_centroid_is_right_to_a_fraction_of_a_pixel(u, v, half):
 def test_a_shadow_over_half_the_board_does_not_pull_the_centroid():
     image = square((30.2, 29.7), 9.0)
     image[:, :30] = (image[:, :30] * 0.6).astype(np.uint8)
-    (blob,) = blobs(image, mask_of(to_hsv(image), BLUE), 20.0)
+    (blob,) = blobs(image, mask_of(to_hsv(image), BLUE), 20.0, 1e3)
     assert blob.centre_px == pytest.approx((30.2, 29.7), abs=0.3)
 
 
@@ -58,5 +58,14 @@ def test_blobs_come_largest_first_and_specks_not_at_all():
     image = square((15.0, 15.0), 4.0)
     image[40:55, 40:55] = PAINT["blue"]
     image[5, 50] = PAINT["blue"]
-    found = blobs(image, mask_of(to_hsv(image), BLUE), 20.0)
+    found = blobs(image, mask_of(to_hsv(image), BLUE), 20.0, 1e3)
     assert [round(b.centre_px[0]) for b in found] == [47, 15]
+
+
+def test_on_a_floor_of_its_own_colour_a_board_is_found_and_the_floor_is_not():
+    image = square((30.0, 30.0), 6.0)
+    image[:10] = image[-10:] = image[:, :10] = image[:, -10:] = PAINT["blue"]
+    image[29:32, 29:32] = FLOOR_RGB
+    (blob,) = blobs(image, mask_of(to_hsv(image), BLUE), 20.0, 1e3)
+    assert blob.centre_px == pytest.approx((30.0, 30.0), abs=0.1)
+    assert math.sqrt(blob.area_px) == pytest.approx(12.0, abs=1.7)
