@@ -19,6 +19,7 @@ from tools.faults.stage import Stage
 from tools.loop.__main__ import main
 from tools.loop.bench import BenchOptions
 from tools.loop.missions import Driver
+from tools.loop.timekeeper import BenchError
 
 pytestmark = pytest.mark.slow
 
@@ -54,6 +55,13 @@ FAULTS = [
     ("I2C", "chip reset"),
     ("network", "poses cut"),
 ]
+
+
+def test_who_waits_in_vain_is_told_what_the_programs_said(stage: Stage) -> None:
+    with pytest.raises(BenchError, match=r"expected a miracle.*'localizer'.*DISARMED"):
+        stage.bench.until(lambda: False, 0.1, "a miracle")
+
+
 DRIVERS = [("person", "0.132,0.7"), ("expert", "0.132,1.2")]
 
 

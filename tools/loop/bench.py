@@ -210,9 +210,8 @@ class Bench:
         deadline_s = self.now_s + patience_s
         while not holds():
             if self.now_s > deadline_s:
-                ended = [p.name for p in self.processes.values() if not p.alive]
-                told = f"; ended: {', '.join(ended)}" if ended else ""
-                raise BenchError(f"expected {what}, waited in vain{told}; see {self.folder}")
+                said = {each.name: each.said()[-200:] for each in self.processes.values()}
+                raise BenchError(f"expected {what}, waited in vain; the programs said {said}")
             self.time.run_until(self.now_s + 0.05)
             time.sleep(pause_s)
 
