@@ -100,7 +100,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_short_recording_is_refused(short: Path) -> None:
-    with pytest.raises(UnfitError, match="20 s and more of driving"):
+    with pytest.raises(UnfitError, match="8 s and more of driving"):
         read_drive(short)
 
 
@@ -109,10 +109,18 @@ def test_short_recordings_among_others_are_left_out_and_told(recording: Path, sh
     (drive,) = read_drives([short, recording, short], told.append)
     assert drive.seconds > 39.0
     assert len(told) == 2
-    assert all(line.startswith(f"left out: {short}: expected 20 s") for line in told)
+    assert all(line.startswith(f"left out: {short}: expected 8 s") for line in told)
     for paths in ([short], []):
-        with pytest.raises(ConfigError, match="expected a recording of 20 s"):
+        with pytest.raises(ConfigError, match="expected 20 s and more of drives on a map, got 0 s"):
             read_drives(paths, told.append)
+
+
+def test_missions_of_some_seconds_count_together(tmp_path: Path) -> None:
+    """A robot records each mission by itself."""
+    path = record_drive(NOMINAL, "rings/claw", 12.0, 1, tmp_path / "mission.mcap")
+    assert len(read_drives([path, path], pytest.fail)) == 2
+    with pytest.raises(ConfigError, match="expected 20 s and more of drives on a map, got 12 s"):
+        read_drives([path], pytest.fail)
 
 
 @pytest.mark.slow
