@@ -124,8 +124,8 @@ def learned(path: Path) -> SightNetwork:
 def half_way(network: SightNetwork, base: Path) -> None:
     """Give it the mean of its weights and of those that it began with.
 
-    On pictures unlike those that it learned on from, that is better than either: Wortsman et al.,
-    Robust fine-tuning of zero-shot models, CVPR 2022.
+    On pictures unlike those that it learned on from, that is often better than either: Wortsman et
+    al., Robust fine-tuning of zero-shot models, CVPR 2022.
     """
     for weights, before in zip(network.parameters(), learned(base).parameters(), strict=True):
         weights.lerp_(before.to(weights.device), 0.5)
