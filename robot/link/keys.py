@@ -25,9 +25,11 @@ if TYPE_CHECKING:
     import zmq
 
 ROLES = ("robot", "localizer", "monitor")
-# The streams in the order of their ports, and who may connect to each: a monitor to all.
+# The streams in the order of their ports, and who may connect to each: a monitor to all, robots to
+# what tells them where they are, and where the others are.
 BOUND_BY = {"pose": "localizer", "telemetry": "robot", "frame": "robot", "command": "robot"}
-ADMITS = {**dict.fromkeys(BOUND_BY, ("monitor",)), "pose": ("robot", "monitor")}
+_TWO = "robot", "monitor"
+ADMITS = {"pose": _TWO, "telemetry": _TWO, "frame": ("monitor",), "command": ("monitor",)}
 
 SECRET, PUBLIC, ALLOWED = "secret.key", "public.key", "allowed"
 READ_LIMIT = 1000  # characters: a key has 40

@@ -11,13 +11,14 @@ parts and breaks topic filters (libzmq #626, #1688, #3323).
 from __future__ import annotations
 
 import contextlib
+import copy
 import secrets
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, Type, TypeVar
+from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, Tuple, Type, TypeVar
 
 from robot.errors import ConfigError, ContractError, expect_between
-from robot.link.keys import ADMITS, BOUND_BY, AllowList, Keys, load_keys
+from robot.link.keys import ADMITS, ALLOWED, BOUND_BY, PUBLIC, AllowList, Keys, load_keys
 from robot.link.messages import Command, FrameMessage, PosesMessage, Telemetry
 
 if TYPE_CHECKING:
@@ -38,6 +39,15 @@ DESCRIPTORS = 65_536
 
 
 @dataclass(frozen=True)
+class OtherRobot:
+    """One that shares this one's roads; ``name`` is its own, and that of its key."""
+
+    name: str
+    host: str
+    base_port: int = 5570
+
+
+@dataclass(frozen=True)
 class LinkConfig:
     """The links of one program, as its YAML file says them."""
 
@@ -45,6 +55,7 @@ class LinkConfig:
     robot_host: str = "127.0.0.1"
     localizer_host: str = "127.0.0.1"
     base_port: int = 5570
+    robots: Tuple[OtherRobot, ...] = ()  # of a robot: who tells it where they are
 
     def __post_init__(self) -> None:
         expect_between("base_port", self.base_port, 1024, 65535 - len(BOUND_BY))
@@ -69,7 +80,7 @@ class Link:
     def __init__(self, keys: Keys, config: LinkConfig) -> None:
         import zmq
 
-        self.keys, self._config = keys, config
+        self.keys, self.config = keys, config
         self._context = zmq.Context()
         self._sockets: List[zmq.Socket[bytes]] = []
         raise_limit()
@@ -92,7 +103,7 @@ class Link:
         socket.curve_server = True
         socket.zap_domain = stream.encode("ascii")
         socket.zap_enforce_domain = True  # without a list nobody enters
-        endpoint = f"tcp://*:{self._config.port(stream)}"
+        endpoint = f"tcp://*:{self.config.port(stream)}"
         try:
             socket.bind(endpoint)
         except zmq.ZMQError as error:
@@ -118,7 +129,7 @@ class Link:
             socket.conflate = True
             socket.subscribe(b"")
         socket.curve_serverkey = self.keys.peer(BOUND_BY[stream])
-        socket.connect(self._config.endpoint(stream))
+        socket.connect(self.config.endpoint(stream))
         return socket
 
     def reconnect(self, socket: zmq.Socket[bytes], stream: str) -> None:
@@ -130,8 +141,21 @@ class Link:
         import zmq
 
         with contextlib.suppress(zmq.ZMQError):  # it may have forgotten the endpoint already
-            socket.disconnect(self._config.endpoint(stream))
-        socket.connect(self._config.endpoint(stream))
+            socket.disconnect(self.config.endpoint(stream))
+        socket.connect(self.config.endpoint(stream))
+
+    def to(self, other: OtherRobot) -> Link:
+        """This link, as it speaks to another robot; ConfigError: we do not know its key."""
+        key = self.keys.peers.get(other.name)
+        if key is None or key.role != "robot":
+            raise ConfigError(
+                f"keys: expected the robot's in {ALLOWED}/{other.name}.key, got none; copy its "
+                f"{PUBLIC} there, and ours to it"
+            )
+        link = copy.copy(self)  # with the same context and sockets
+        link.keys = replace(self.keys, peers={other.name: key})
+        link.config = replace(self.config, robot_host=other.host, base_port=other.base_port)
+        return link
 
     def close(self) -> None:
         """Close every socket, the allow-list's last."""

@@ -162,16 +162,21 @@ class Neighbours:
 
     def hear(self, poses: Sequence[PoseMessage], now_s: float) -> None:
         """Take in the poses of one picture: everybody's, one's own among them."""
-        taken = False
+        self._heard_s = max((self._heard_s, *self._take(poses, now_s).values()))
+
+    def _take(self, poses: Sequence[PoseMessage], now_s: float) -> Dict[str, float]:
+        """By name, when those were there that could be true."""
+        taken = {}
         for pose in poses:
             track = self._tracks.setdefault(pose.robot, _Track(pose.robot))
             if track.take(pose, now_s):
-                taken, self._heard_s = True, max(self._heard_s, track.at_s)
+                taken[pose.robot] = track.at_s
         if taken and self._view.junctions:
             drive = [name for name in self._known(now_s) if self._tracks[name].headed]
             robots = {name: self._traveller(name) for name in drive}
             found = self._crossings.update(poses[0].t_capture_s, robots)
             self._junction = found.get(self._robot)
+        return taken
 
     def ahead(self, now_s: float, pose: Pose, way_m: np.ndarray) -> RoadAhead:
         """What lies before the robot at a pose, on its way (61, 2) [m] of `AHEAD_M`."""

@@ -26,6 +26,7 @@ from robot.link import sockets
 from robot.link.command_server import CommandServer
 from robot.link.messages import FrameMessage, PosesMessage, Reading, Telemetry
 from robot.link.sockets import Link
+from robot.navigation.company import Company, Reports
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.neighbours import Neighbours
@@ -87,7 +88,11 @@ def open_robot(
         if link is not None:
             if navigates:
                 poses = sockets.Subscriber(link, PosesMessage).receive
-                navigator = open_navigator(config, poses, wheels, eye)
+                reports = {
+                    each.name: sockets.Subscriber(link.to(each), Telemetry).receive
+                    for each in link.config.robots
+                }
+                navigator = open_navigator(config, poses, wheels, eye, reports)
                 audience.append(navigator)
             everybody.append(RemoteOperator(CommandServer(link), navigator))
         audience += open_reports(config, policy.contract, link, navigator, wheels, stack)
@@ -117,12 +122,14 @@ def open_navigator(
     receive: Callable[[], Optional[PosesMessage]],
     motors: Motors,
     camera: Camera,
+    reports: Reports,
 ) -> MissionNavigator:
     """Plans on the map, from overhead poses, steps and sight; DuckpilotError: one is wrong."""
     glimpse = Glimpse(OnnxSight(config.sight), camera.read) if config.sight else None
     road_map = load_map(config.map)
     view = LaneView(road_map)
     others = Neighbours(view, config.name) if config.rules.headway else None
+    others = Company(view, config.name, reports) if reports else others
     way = WaySeen() if others and glimpse else None
     watch = None if config.rules == Rules() else RoadWatch(view, others, way)
     return MissionNavigator(road_map, receive, lambda: motors.pose, config.name, glimpse, watch)

@@ -14,7 +14,7 @@ from robot.navigation.lane_view import LaneView
 from robot.navigation.path import PathBatch, path_inputs
 from robot.navigation.road_map import RoadMap
 from robot.navigation.sight_fix import SightFix
-from robot.vision.sight import OnnxSight
+from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.look import PoseLook
 from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
 
@@ -43,6 +43,7 @@ class GuidanceFeed:
 
     Attributes:
         poses: (N, 3) where the robots believe to be: x [m], y [m], heading [rad].
+        seen: what sight sees of their newest pictures; None before the first ones, and without it.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class GuidanceFeed:
     ) -> None:
         """``road_maps``: what robots with sight may drive on."""
         self.poses = np.zeros((n_robots, 3))
+        self.seen: Seen | None = None
         self._sources = sources
         self._exact = np.ones(n_robots, dtype=bool)
         config = FusionConfig(sight=sources.sight is not None)
@@ -126,8 +128,14 @@ class GuidanceFeed:
         if images.shape[1:] != sight.contract.image.shape:
             whole = preprocess_batch(whole, sight.contract.image)
         self._fix.views = [self._views[k] for k in maps.tolist()]
-        self._fix.see(sight(whole), fresh & ~self._exact, self._now_s)
+        self.seen = sight(whole)
+        self._fix.see(self.seen, fresh & ~self._exact, self._now_s)
         self.poses = np.where(self._exact[:, None], self.poses, self._fusion.poses)
+
+    @property
+    def within_m(self) -> np.ndarray:
+        """(N,) how well they know their places, by 95 % [m]."""
+        return np.where(self._exact, 0.0, self._fusion.certainty[:, 0])
 
     def path_inputs(self, paths: PathBatch) -> np.ndarray:
         """(N, 10) float32, see `robot.navigation.path.path_inputs`, on paths of the robots."""

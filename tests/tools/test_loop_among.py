@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from robot.cli.install import SHIPPED_MODEL
@@ -14,8 +15,9 @@ from robot.inference.policy import SHIPPED_MODELS
 from tests import thorough
 from tests.tools.pursuit import write_pursuit
 from tools.faults.meet import every_case
-from tools.faults.stage import Stage
-from tools.loop.bench import BenchOptions
+from tools.faults.stage import FROM, GOAL, START, Stage
+from tools.loop.bench import Bench, BenchOptions
+from tools.loop.missions import Driver
 
 OF = BenchOptions(Path("none"), among=True)
 
@@ -35,6 +37,32 @@ def keeper(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     options = replace(OF, model=SHIPPED_MODEL, map="loop", sight=sight, leader=leader)
     with Stage(options, folder) as stage:
         yield stage
+
+
+@thorough.only
+def test_without_a_localizer_they_tell_each_other_and_wait_while_one_is_silent(
+    tmp_path: Path,
+) -> None:
+    pursuit, sight = write_pursuit(tmp_path / "pursuit.onnx"), SHIPPED_MODELS / "sight.onnx"
+    options = replace(OF, model=pursuit, localizer=False, sight=sight)
+    with Bench(options, tmp_path / "bench") as bench:
+        town, driver = bench.town, Driver(bench, np.random.default_rng(0))
+        assert town.second is not None
+        for page, robot, pose in (
+            (bench.operator, town, START),
+            (bench.second, town.second, driver.on_lane(*FROM[:2])),
+        ):
+            robot.world.place(pose)
+            page.ask("disarm")
+            page.ask("place", pose.moved(1.0, 0.0)[:2], start=pose[:2])
+        driver.rest()
+        assert driver.drive((0.56, 1.452)).arrived  # over one junction
+        bench.stop("robot2")
+        for kind, place in (("arm", None), ("mission", GOAL)):
+            assert bench.operator.ask(kind, place) == (True, "")
+        waits = "AUTO: others go first at the junction"
+        bench.until(lambda: waits in bench.processes["robot"].said(), 20.0, "it to wait")
+        bench.until(lambda: bench.now_s - town.moved_s > 5.0, 20.0, "it to stand for long")
 
 
 def met(stage: Stage, family: str, name: str) -> float:

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.hat.config import HatConfig
 from robot.link.keys import ALLOWED, BOUND_BY, PUBLIC, keygen
-from robot.link.sockets import LinkConfig
+from robot.link.sockets import LinkConfig, OtherRobot
 from robot.navigation.road_map import load_map
 from robot.output import write_yaml
 from robot.safety.governors import Rules
@@ -76,9 +76,11 @@ class Bench:
         self.town = VirtualTown(*scene, options.among)
         self.keys = keygen(folder / "keys")
         if options.among:
-            self.keys.update(keygen_of_second(folder / "keys2", self.keys["localizer"]))
+            self.keys.update(keygen_of_second(folder / "keys2", self.keys))
         self._page_ports = {"monitor": free_ports(1), "monitor2": free_ports(1)}
         self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
+        if options.among and not options.localizer:
+            self._meet_each_other()
         self.processes: dict[str, Process] = {}
         self.recordings = options.recordings or folder / "recordings"
         self.operator: Operator
@@ -235,11 +237,19 @@ class Bench:
         words = [word.format(**places) for word in PROGRAMS[name.rstrip("2")].split()]
         return [*words, *self.options.page] if name == "monitor" else words
 
+    def _meet_each_other(self) -> None:
+        """Each robot hears of the other from itself."""
+        links = self.link_configs
+        for name, other in (("robot", "robot2"), ("robot2", "robot")):
+            heard = OtherRobot(other, "127.0.0.1", links[other].base_port)
+            links[name] = replace(links[name], robots=(heard,))
+
     def use_model(self, model: Path) -> None:
         """The policy that the robot is started with from now on."""
         recording = RecordingConfig(str(self.recordings), 0.0) if self.options.record else None
         sight = str(self.options.sight.resolve()) if self.options.sight else ""
-        leader = self.options.leader
+        leader, among = self.options.leader, self.options.among
+        company = among and not self.options.localizer
         robots = {
             robot.marker.robot: RobotConfig(
                 str((leader or model if robot is self.town.second else model).resolve()),
@@ -248,7 +258,7 @@ class Bench:
                 sight="" if leader and robot is not self.town else sight,
                 camera=CameraConfig("socket", path=str(robot.camera.path), fps=CAMERA_FPS),
                 hat=HatConfig(socket=str(robot.bus_server.path)),
-                rules=Rules(headway=self.options.among),
+                rules=Rules(company, among, company),
                 link=self.link_configs[robot.marker.robot],
                 recording=recording if robot is self.town else None,
             )
@@ -278,12 +288,14 @@ def connect(
     return configs, networks
 
 
-def keygen_of_second(folder: Path, localizer: Path) -> dict[str, Path]:
-    """Keys for a second robot and its monitor, whom the localizer lets in from now on."""
+def keygen_of_second(folder: Path, first: dict[str, Path]) -> dict[str, Path]:
+    """Keys for a second robot and its monitor, whom the localizer and ``first`` let in."""
     made = keygen(folder, ("robot", "monitor"))
     for role, its in made.items():
-        shutil.copy(localizer / PUBLIC, its / ALLOWED / "localizer.key")
-        shutil.copy(its / PUBLIC, localizer / ALLOWED / f"{role}2.key")
+        shutil.copy(first["localizer"] / PUBLIC, its / ALLOWED / "localizer.key")
+        shutil.copy(its / PUBLIC, first["localizer"] / ALLOWED / f"{role}2.key")
+    shutil.copy(first["robot"] / PUBLIC, made["robot"] / ALLOWED / "robot.key")
+    shutil.copy(made["robot"] / PUBLIC, first["robot"] / ALLOWED / "robot2.key")
     return {f"{role}2": its for role, its in made.items()}
 
 

@@ -24,7 +24,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
-from tools.loop.shared_time import SharedTime, message_number
+from tools.loop.shared_time import OTHERS, SharedTime, message_number
 from tools.loop.stepper import Stepper, Waiter
 
 LONGEST_S = 0.25  # real time that one message may take
@@ -75,7 +75,9 @@ def _watch_streams(shared: SharedTime) -> None:
         return sent
 
     def patient_receive(subscriber: Any) -> Any:
-        due = shared.get(subscriber._kind.KIND)
+        kind = subscriber._kind.KIND
+        others = kind == "telemetry" and subscriber._link.keys.role == "robot"
+        due = shared.get(OTHERS if others else kind)
         newest: Any = None
 
         def there() -> bool:

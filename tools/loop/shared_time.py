@@ -10,22 +10,24 @@ import mmap
 from pathlib import Path
 
 OWN = ("telemetry", "frame", "command", "ack")  # of one robot and its monitor
+OTHERS = "others' telemetry"
 SLOTS = ("now", "pose", "lossy", "slow", "nan", *OWN)
 
 
 class SharedTime:
     """Named numbers in a mapped file; ``create`` makes it, with zeros; ``second``: of that robot.
 
-    ``now`` is the time [s]; of a stream it is the number of the newest message; of commands and
-    acks how many were sent; ``lossy`` is not zero while the network may lose or delay messages, and
-    nobody should wait for one; ``slow`` is how long a decision takes [s], else no time; ``nan`` is
-    not zero where it shall be none.
+    ``now`` is the time [s]; of a stream it is the number of the newest message (`OTHERS`: that of
+    the other robot); of commands and acks how many were sent; ``lossy`` is not zero while the
+    network may lose or delay messages, and nobody should wait for one; ``slow`` is how long a
+    decision takes [s], else no time; ``nan`` is not zero where it shall be none.
     """
 
     def __init__(self, path: str | Path, create: bool = False, second: bool = False) -> None:
         self._places = {name: place for place, name in enumerate(SLOTS)}
-        for name in OWN if second else ():
-            self._places[name] += len(OWN)
+        own, its = (0, len(OWN)) if not second else (len(OWN), 0)
+        self._places[OTHERS] = self._places["telemetry"] + its
+        self._places.update((name, self._places[name] + own) for name in OWN)
         if create:
             Path(path).write_bytes(bytes(8 * (len(SLOTS) + len(OWN))))
         with open(path, "r+b") as file:

@@ -19,7 +19,7 @@ from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
 from trainer.judging import evaluate
 from trainer.judging.cli import JudgeOptions
-from trainer.judging.drivers import Driver, Expert, Governed, Pilot, Sighted
+from trainer.judging.drivers import Driver, Expert, Governed, Pilot, Sighted, Together
 from trainer.judging.evaluate import open_policy
 from trainer.judging.films import Scene
 from trainer.judging.olympics import SURVIVED, Episode, LaneRules, longest_wait_s
@@ -49,7 +49,8 @@ def drive(
     assert isinstance(task, Traffic)
     task.frames, task.episode_s = driver.frames, seconds
     numbers = [group * seed + k for seed in seeds for k in range(group)]
-    world = BatchWorld(task, looks, driver.image, _FIRST_WORLD, numbers=numbers)
+    sources = driver.sources
+    world = BatchWorld(task, looks, driver.image, _FIRST_WORLD, numbers=numbers, sources=sources)
     rules = {road_map.name: LaneRules(road_map) for road_map in road_maps}
     for done, facts, ride in evaluate.drive(world, lambda seen: driver.choose(world, seen), films):
         poses, end = np.array(ride.poses), SURVIVED
@@ -90,7 +91,8 @@ class Contest:
     def drive(self, seeds: Sequence[int]) -> Iterator[tuple[Episode, Scene | None]]:
         """See `trainer.judging.blocks.Order`."""
         asked = self.asked
-        where = asked.challenge, list(map(load_map, asked.map)), load_look_sampler(asked.look)
+        looks = load_look_sampler(asked.look, "none" if asked.poses == "true" else "arena")
+        where = asked.challenge, list(map(load_map, asked.map)), looks
         return drive(self.driver(), *where, seeds, asked.seconds, self.films)
 
     def driver(self) -> Driver:
@@ -105,6 +107,12 @@ class Contest:
                 f"{path}: expected a policy, .onnx, expert or stand; there is no file"
             )
         policy = open_policy(path, "lane")
-        if poses == "sight" and not bare:
-            return Sighted(policy, OnnxSight(SHIPPED))
-        return Pilot(policy) if bare else Governed(policy, poses)
+        if bare:
+            return Pilot(policy)
+        if poses != "sight":
+            return Governed(policy, poses)
+        if policy.contract.path_points:
+            return Together(policy, OnnxSight(SHIPPED))
+        if self.asked.challenge == "lfvi":
+            raise ConfigError(f"{path}: expected a navigator by sight in lfvi, got a lane keeper")
+        return Sighted(policy, OnnxSight(SHIPPED))

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from robot.errors import ConfigError, expect_between
+from robot.errors import expect_between
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,6 @@ class JudgeOptions:
 
     def __post_init__(self) -> None:
         expect_between("seconds", self.seconds, 0.1, 1e6)
-        if self.poses == "sight" and self.challenge == "lfvi":
-            raise ConfigError(
-                "poses: expected true or arena, got sight, which does not tell who comes from the "
-                "sides"
-            )
 
 
 def judge_command(

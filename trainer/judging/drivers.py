@@ -2,14 +2,15 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, ImageSpec
 from robot.geometry import STILL, Pose, WheelSpeeds, wrap_angle
 from robot.inference.preprocess import preprocess_batch
-from robot.link.messages import PoseMessage
+from robot.link.messages import FAR_M, Belief, PoseMessage, Telemetry
+from robot.navigation.company import Company
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import AHEAD_M, DUCK, Neighbours
 from robot.navigation.road_map import RoadMap
@@ -20,11 +21,12 @@ from robot.safety.wheel_limits import Drive
 from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.look import ARENA_POSE, PoseLook
-from sim_pybullet.sensing.guidance_feed import PoseError
+from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseError, PoseSources
 from sim_pybullet.tasks.traffic import Traffic
 from sim_pybullet.traffic.crowd import Body
 from trainer.judging.evaluate import DrivingPolicy, _choose
 
+_RULES = KeepApart(), StopLines(), Lights(), FirstCome()  # pure, as they begin
 _SMALL = ImageSpec(40, 30)  # for films: who does not look needs no more
 
 
@@ -34,6 +36,7 @@ class Driver:
     guided = False  # whether it gets a path
     image = _SMALL  # what is drawn for it,
     frames = 1  # of it so many at once
+    sources = ALWAYS  # what tells a guided one its place
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
         """(N,) numbers of actions, or (N, 2) shares of the greatest wheel speed."""
@@ -138,8 +141,7 @@ class Governed(Pilot):
             for i, number in enumerate(world.numbers.tolist()):
                 view, place = views[task.road_maps[world.maps[i]].name], i % ours
                 others = Neighbours(view, _name(place), self._look.position_m)
-                rules = KeepApart(), StopLines(), Lights(), FirstCome()
-                robot = Ruled(Pose(*world.poses[i].tolist()), rules)
+                robot = Ruled(Pose(*world.poses[i].tolist()), _RULES)
                 self._robots.append((robot, RoadWatch(view, others), others))
                 if place == 0:
                     self._above.append(_Above(task.crowd.kinds.size, self._look, number))
@@ -148,6 +150,8 @@ class Governed(Pilot):
         told = [above.tell(here, now_s) for above, here in zip(self._above, there, strict=True)]
         heard = [self._messages(poses, task.crowd.kinds, ours, now_s) for poses in told]
         believed = np.array([above.believed[:ours] for above in self._above]).reshape(-1, 3)
+        if world.guidance is not None:
+            believed = world.guidance.poses
         arc_m = task.paths.project(believed[:, :2], task.paths.index_at(task.course.arc_m)).arc_m
         ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
         for i in np.flatnonzero(world.active).tolist():
@@ -177,6 +181,57 @@ class Governed(Pilot):
 
 def _name(place: int) -> str:
     return f"{place:03}"
+
+
+class Together(Pilot):
+    """As `Governed`, without a localizer: robots know their places by pictures and wheels, and tell
+    them to each other, as real ones do over the link. Lights they do not see.
+    """
+
+    def __init__(self, policy: DrivingPolicy, sight: OnnxSight) -> None:
+        super().__init__(policy)
+        self.sources = PoseSources("start", sight)
+        self._robots: list[tuple[Ruled, RoadWatch]] = []
+        self._said: dict[int, Telemetry] = {}  # by each, a decision ago
+        self._turns = 0
+
+    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
+        """See `Driver`."""
+        task, known = world.task, world.guidance
+        assert isinstance(task, Traffic)
+        assert known is not None
+        shares = super().choose(world, seen)
+        if not self._robots:
+            views = {m.name: _View(m) for m in task.road_maps if isinstance(m, RoadMap)}
+            for i, pose in enumerate(world.poses.tolist()):
+                group = range(i - i % task.group, i - i % task.group + task.group)
+                reports = {_name(k): partial(self._said.get, k) for k in group if k != i}
+                view = views[task.road_maps[world.maps[i]].name]
+                watch = RoadWatch(view, Company(view, _name(i), reports), WaySeen())
+                self._robots.append((Ruled(Pose(*pose), _RULES), watch))
+        self._turns += 1
+        now_s, poses, within_m = self._turns * CONTROL_DT_S, known.poses.tolist(), known.within_m
+        arc_m = task.paths.project(known.poses[:, :2], task.paths.index_at(task.course.arc_m)).arc_m
+        ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
+        for i in np.flatnonzero(world.active).tolist():
+            robot, watch = self._robots[i]
+            robot.moved(Pose(*world.poses[i].tolist()))
+            if known.seen is not None:
+                watch.saw(Seen(*(part[i : i + 1] for part in known.seen)), robot.driven_m, now_s)
+            here = Pose(*poses[i]), float(within_m[i])
+            ahead = watch.look(now_s, robot.driven_m, here, ways_m[i])
+            shares[i] = robot.slowed(shares[i], now_s, ahead)
+        for i, (pose, long_m) in enumerate(zip(poses, within_m.tolist(), strict=True)):
+            sure = Belief(min(long_m, FAR_M), 0.0, 0.0, 0.0, "sight")
+            self._said[i] = Telemetry(
+                *(_name(i), "AUTO"),
+                pose=(pose[0], pose[1], pose[2]),
+                belief=sure,
+                session="judge",
+                sequence=self._turns,
+                t_sent_s=now_s,
+            )
+        return shares
 
 
 class Sighted(Pilot):

@@ -120,17 +120,6 @@ def learned(path: Path) -> SightNetwork:
     return network
 
 
-@torch.no_grad()
-def half_way(network: SightNetwork, base: Path) -> None:
-    """Give it the mean of its weights and of those that it began with.
-
-    On pictures unlike those that it learned on from, that is often better than either: Wortsman et
-    al., Robust fine-tuning of zero-shot models, CVPR 2022.
-    """
-    for weights, before in zip(network.parameters(), learned(base).parameters(), strict=True):
-        weights.lerp_(before.to(weights.device), 0.5)
-
-
 def calibrate(network: SightNetwork, pictures: Pictures) -> None:
     """Scale the standard deviations, so that errors are on average what they promise.
 

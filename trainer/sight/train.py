@@ -26,7 +26,7 @@ from trainer.run import take_up
 from trainer.sight.augment import drawn
 from trainer.sight.bystanders import Bystanders
 from trainer.sight.cli import SightRun
-from trainer.sight.network import SightNetwork, calibrate, export_sight, half_way, learned
+from trainer.sight.network import SightNetwork, calibrate, export_sight, learned
 from trainer.sight.photographs import learned_from
 from trainer.sight.pictures import IMAGE, ROBOTS, START_SPREAD, Pictures, anywhere, drive, joined
 
@@ -58,8 +58,6 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     step = lesson(network, optimiser, Batches(training, photographs, run))
     state, cores = out / "checkpoint.pt", len(os.sched_getaffinity(0))
     run_steps(state, parts, run.steps, run.seed, step, "sight", console, cores)
-    if run.base:
-        half_way(network, Path(run.base))
     calibrate(network, chosen)
     network.cpu()
     path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]

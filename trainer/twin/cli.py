@@ -1,7 +1,5 @@
 """``duckpilot fit``: a twin from recordings; ``duckpilot teach``: a policy for it."""
 
-import math
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -57,17 +55,17 @@ def teach_command(
     steps: int = 900,
     seed: int = 0,
 ) -> int:
-    """Teach a policy, or a sight, your floor: fit a twin, learn on in it, and prove it there.
+    """Teach a policy your floor: fit a twin, learn on in it, and prove it there.
 
-    Leaves twin.yaml, twin.html and model.onnx, or sight.onnx, in its folder. Exit status 1 if the
-    proof is not enough for a robot to arm, or its base drives better or sees nearly as well.
+    Leaves twin.yaml, twin.html and model.onnx in its folder. Exit status 1 if the proof is not
+    enough for a robot to arm, or its base drives better.
 
     Args:
         recordings: MCAP files of drives on one map.
-        base: what it learns on from: an ONNX file, or the name of a shipped policy or sight.
+        base: what it learns on from: an ONNX file, or the name of a shipped policy.
         out: folder.
         drives: in the twin, for the proof.
-        steps: of learning; a sight makes a third of them, longer ones.
+        steps: of learning.
         seed: of everything random.
     """
     import torch
@@ -76,13 +74,11 @@ def teach_command(
     from trainer.export import export_network
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
-    from trainer.twin.teach import TeachConfig, base_file, is_sight, load_base, pose_error, teach
+    from trainer.twin.teach import TeachConfig, base_file, load_base, pose_error, teach
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True, highlight=False)
     path = base_file(base)
-    if is_sight(path):
-        return _teach_sight(path, recordings, out, steps // 3, seed)
     network, contract = load_base(path)
     seen, twin = _fit(recordings, out / "twin.yaml", console)
     looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
@@ -109,23 +105,3 @@ def teach_command(
     if proven.unproven:
         console.print(f"the robot will not arm with it: {proven.unproven}", markup=False)
     return 1 if worse or proven.unproven else 0
-
-
-def _teach_sight(base: Path, recordings: Sequence[Path], out: Path, steps: int, seed: int) -> int:
-    import torch
-
-    from trainer.sight.cli import SightRun
-    from trainer.sight.network import learned
-    from trainer.twin.sight import teach_sight
-
-    network, console = learned(base), Console(soft_wrap=True, highlight=False)
-    drives, twin = _fit(recordings, out / "twin.yaml", console)
-    torch.set_num_threads(len(os.sched_getaffinity(0)))
-    run = SightRun(steps=steps, batch=96, seed=seed, base=str(base))
-    found = teach_sight(network, drives, twin, run, out)
-    for name, (offset_m, heading_rad) in zip(("before", out / "sight.onnx"), found, strict=True):
-        told = f"{100.0 * offset_m:.1f} cm and {math.degrees(heading_rad):.1f} degrees"
-        console.print(f"{name}: errs by {told} in held-out pictures", markup=False)
-    if poor := not (found[1] / found[0]).mean() <= 0.9:  # the labels' own errors are learned, too
-        console.print("it does not see a tenth better than its base: keep that", markup=False)
-    return int(poor)

@@ -5,7 +5,6 @@ The expert knows the true path. Recorded frames come with the person's steering;
 they took over counts most (HG-DAgger, Kelly et al. 2019).
 """
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ContractError
 from robot.inference.policy import SHIPPED_MODELS, read_contract
 from robot.navigation.road_map import RoadMap, load_map
-from robot.vision.sight import OnnxSight
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import Looks
 from sim_pybullet.randomise import Sites, load_look_sampler
@@ -56,13 +54,6 @@ def base_file(name: str) -> Path:
     """A file, or a shipped policy by its name."""
     shipped = SHIPPED_MODELS / f"{name}.onnx"
     return shipped if shipped.exists() else Path(name)
-
-
-def is_sight(path: Path) -> bool:
-    """Whether the file holds a sight; another may be a policy, or none at all."""
-    with suppress(ContractError):
-        return bool(OnnxSight(path).contract)
-    return False
 
 
 def load_base(path: Path) -> tuple[GreedyNetwork, PolicyContract]:

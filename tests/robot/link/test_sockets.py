@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import time
@@ -11,11 +12,12 @@ from typing import Callable, Dict
 
 import pytest
 
+from robot.errors import ConfigError
 from robot.link.freshness import PoseGate
 from robot.link.keys import keygen, load_keys
-from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Link, LinkConfig, Publisher, Subscriber
-from tests.robot.link.conftest import until
+from robot.link.messages import PosesMessage, Sighting, Telemetry
+from robot.link.sockets import Link, LinkConfig, OtherRobot, Publisher, Subscriber
+from tests.robot.link.conftest import free_base_port, until
 
 zmq = pytest.importorskip("zmq")
 
@@ -53,6 +55,32 @@ def test_allowed_keys_receive(configs: Configs, open_link: Open, to: str) -> Non
     pose = message.of("duck")
     assert pose is not None
     assert (pose.x_m, pose.y_m) == (1.0, 2.0)
+
+
+def test_a_robot_hears_the_one_of_others_whose_key_it_has(
+    configs: Configs, open_link: Open, tmp_path: Path
+) -> None:
+    others = keygen(tmp_path, ("robot", "monitor"))
+    own, its = Path(configs["robot"].keys), others["robot"]
+    name = "rover"
+    shutil.copytree(own, tmp_path / "own")
+    shutil.copy(its / "public.key", tmp_path / "own" / "allowed" / f"{name}.key")
+    shutil.copy(own / "public.key", its / "allowed" / "robot.key")
+    other = OtherRobot(name, "127.0.0.1", free_base_port())
+    publisher = Publisher(open_link(LinkConfig(str(its), base_port=other.base_port)), Telemetry)
+    link = open_link(replace(configs["robot"], keys=str(tmp_path / "own"), robots=(other,)))
+    subscriber = Subscriber(link.to(other), Telemetry)
+    got = []
+
+    def arrived() -> bool:
+        publisher.send(Telemetry(name, "AUTO"))
+        got.append(subscriber.receive())
+        return got[-1] is not None
+
+    assert until(arrived)
+    assert got[-1].robot == name
+    with pytest.raises(ConfigError, match=r"the robot's in allowed/scout\.key, got none"):
+        link.to(replace(other, name="scout"))
 
 
 def strangers(configs: Configs, tmp_path: Path) -> dict[str, Link]:

@@ -11,11 +11,13 @@ import pytest
 
 from robot.contract import ACTION_WHEELS, MAX_WHEEL_MPS
 from robot.navigation.road_map import load_map
+from robot.vision.sight import OnnxSight
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.motors import expert_actions
 from sim_pybullet.randomise import load_look_sampler
 from trainer.judging.challenge import Episode, drive
-from trainer.judging.drivers import Driver, Expert, Governed, Pilot
+from trainer.judging.drivers import Driver, Expert, Governed, Pilot, Together
+from trainer.sight.cli import SHIPPED
 
 
 class Heedless(Expert):
@@ -63,6 +65,17 @@ def test_eight_robots_on_a_town_pass_its_junctions_one_after_the_other(
     assert min(each.tiles for each in told) > 0.2  # one may wait all the time
     assert sum(each.tiles for each in told) > 16.0
     assert sum(each.lines_run for each in driven(Heedless(), "lfvi", "town", 1)) > 0
+
+
+def test_eight_robots_that_see_and_hear_each_other_need_no_localizer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Pilot, "choose", Heedless.choose)
+    policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=10, frames=1))
+    told = driven(Together(policy, OnnxSight(SHIPPED)), "lfvi", "town", 1, 6.0)
+    assert [each.end for each in told] == ["time"] * 8
+    assert sum(each.lines_run for each in told) == 0
+    assert sum(each.tiles for each in told) > 10.0
 
 
 def test_by_poses_that_err_an_episode_is_the_same_whichever_others_are_driven(
