@@ -17,7 +17,7 @@ from tests.tools.find_place import Lonely, drive
 NAVIGATOR = str(SHIPPED_MODELS / "nav_ppo.onnx")
 
 
-@pytest.mark.parametrize("click", [False, True], ids=["told nothing", "told roughly"])
+@pytest.mark.parametrize("click", [False, True][: thorough.count(1, 2)])
 def test_it_drives_on_until_it_knows_its_place_and_then_to_its_destination(click: bool) -> None:
     found = drive(Lonely(load_map("arena"), NOMINAL, NAVIGATOR, seed=0), click, missions=1)
     assert found.right, found
@@ -26,8 +26,8 @@ def test_it_drives_on_until_it_knows_its_place_and_then_to_its_destination(click
     assert not found.strayed
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["bean", "wedge"] if thorough.THOROUGH else ["bean"])
+@thorough.only
+@pytest.mark.parametrize("name", ["bean", "wedge"])
 def test_a_lap_of_a_ring_without_junctions_is_enough(name: str) -> None:
     ring = load_map(f"rings/{name}")
     found = drive(Lonely(ring, NOMINAL, NAVIGATOR, seed=0), click=False, missions=1)

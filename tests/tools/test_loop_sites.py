@@ -15,6 +15,7 @@ from robot.inference.policy import SHIPPED_MODELS
 from robot.typed_config import read_json
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
+from tests import thorough
 from tools.loop import drive
 from tools.loop.__main__ import main
 from tools.loop.cli import LoopOptions
@@ -99,7 +100,7 @@ def test_figures_of_rows_without_sites_begin_anew(tmp_path: Path) -> None:
         assert len(drive.rows_so_far(options)) == kept
 
 
-@pytest.mark.slow
+@thorough.only
 def test_without_a_localizer_a_person_tells_roughly_where_it_stands(tmp_path: Path) -> None:
     shipped, out = SHIPPED_MODELS, tmp_path / "one.json"
     words = ["--sight", str(shipped / "sight.onnx"), "--model", str(shipped / "nav_ppo.onnx")]

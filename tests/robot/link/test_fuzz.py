@@ -22,6 +22,7 @@ from robot.link.messages import (
     Sighting,
     Telemetry,
 )
+from tests.thorough import count
 
 MISSION = MissionStatus("m1", (1.0, 2.0), "driving", 0.5, 1.2, -0.01, "on its way")
 GOOD: Tuple[Any, ...] = (
@@ -78,7 +79,7 @@ def held(data: bytes, kind: Any) -> bool:
     return True
 
 
-@settings(max_examples=1500, deadline=None)
+@settings(max_examples=count(400, 1500), deadline=None)
 @given(mutated())
 def test_decoders_hold_against_mutated_messages(found: Tuple[bytes, Any]) -> None:
     held(*found)

@@ -134,7 +134,7 @@ def lap(road_map: RoadMap, seed: int) -> Tuple[Whereabouts, Optional[Place], Pos
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["rings/wedge", "rings/bean"])
+@pytest.mark.parametrize("name", ["rings/wedge", "rings/bean"][: count(1, 2)])
 def test_a_ring_without_junctions_tells_the_place_by_its_bends(name: str) -> None:
     for seed in range(count(2, 10)):
         _, place, truth = lap(load_map(name), seed)
@@ -144,7 +144,7 @@ def test_a_ring_without_junctions_tells_the_place_by_its_bends(name: str) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["loop", "rings/zigzag"])
+@pytest.mark.parametrize("name", ["loop", "rings/zigzag"][: count(1, 2)])
 def test_a_ring_that_is_the_same_turned_half_round_does_not_and_that_is_said(name: str) -> None:
     for seed in range(count(1, 5)):
         search, place, _ = lap(load_map(name), seed)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sim_pybullet.randomise import looks_of
+from tests import thorough
 from trainer.cli import main
 from trainer.config import RunConfig
 from trainer.experiments.figure5 import (
@@ -78,7 +79,7 @@ def test_seeds_are_compared_at_steps_that_all_have_reached() -> None:
     assert rewards[1, -1] < 8.0
 
 
-@pytest.mark.slow
+@thorough.only
 def test_the_command_compares_and_does_nothing_twice(tmp_path: Path) -> None:
     out = tmp_path / "f"
     command = [

@@ -159,6 +159,7 @@ def test_what_a_worker_drove_is_counted() -> None:
     assert model.num_timesteps == 164
 
 
+@thorough.only
 def test_one_worker_learns_the_toy_the_same_way_each_time(tmp_path: Path) -> None:
     def run(name: str, seed: int) -> list[tuple[int, float]]:
         train_toy(a3c_config(600, seed), tmp_path / name)

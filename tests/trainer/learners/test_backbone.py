@@ -19,6 +19,7 @@ from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.vision.sight import OnnxSight
+from tests.thorough import count
 from trainer.envs import image_changed, make_env
 from trainer.export import check_equal, export_network, noise_seen
 from trainer.learners.backbone import Seer, read_backbone
@@ -76,12 +77,12 @@ def test_what_learners_are_shown_is_nearly_that() -> None:
 @pytest.mark.parametrize(
     ("task", "algorithm"),
     [  # each task and each algorithm, those that keep pictures with and without a path
-        ("lane", "dueling"),
-        ("navigation", "dagger"),
         ("navigation", "dueling"),
         ("navigation", "ppo"),
+        ("lane", "dueling"),
+        ("navigation", "dagger"),
         ("traffic", "dagger"),
-    ],
+    ][: count(2, 5)],
 )
 def test_runs_learn_from_what_it_saw_and_drive_by_pictures(
     task: str, algorithm: str, tmp_path: Path

@@ -71,7 +71,7 @@ def test_the_newest_pictures_are_there_by_number(sizes: list[int], device: str) 
     assert (store.take(torch.tensor(single)[None]).cpu().numpy() == 7).all()
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "dueling", "dagger", "a2c", "ddqn"][: count(3, 5)])
+@pytest.mark.parametrize("algorithm", ["ppo", "dueling", "dagger", "a2c", "ddqn"][: count(2, 5)])
 def test_who_learns_from_numbers_learns_the_same_to_the_bit(algorithm: str, tmp_path: Path) -> None:
     def run(name: str, make: Any) -> tuple[list[float], dict[str, torch.Tensor]]:
         folder, config = RunFolder(tmp_path / name), toy_config(algorithm, 600)
@@ -105,8 +105,8 @@ def test_a_replay_buffer_of_numbers_ends_with_its_pictures(
 
 @pytest.mark.parametrize(
     ("task", "backbone"),
-    [("lane", None), ("lane", SIGHT), ("navigation", SIGHT), ("traffic", None)],
-    ids=["lane", "lane seen", "navigation seen", "traffic"],
+    [("traffic", None), ("navigation", SIGHT), ("lane", None), ("lane", SIGHT)][: count(2, 4)],
+    ids=["traffic", "navigation seen", "lane", "lane seen"][: count(2, 4)],
 )
 def test_a_world_drawn_by_torch_is_the_same_world(task: str, backbone: str | None) -> None:
     """Rewards and ends are equal; of pictures learners see the same but for rounding."""

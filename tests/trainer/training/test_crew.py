@@ -112,8 +112,8 @@ def test_a_number_that_does_not_divide_the_work_is_refused(
         replace(preset("navigation", algorithm, "fast"), workers=workers)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["ppo", "dueling"][: thorough.count(1, 2)])
+@thorough.only
+@pytest.mark.parametrize("algorithm", ["ppo", "dueling"])
 def test_two_processes_learn_the_same_again(algorithm: str, tmp_path: Path) -> None:
     config = two_processes(algorithm, steps=2_200)
     runs = [tmp_path / name for name in ("one", "again")]
