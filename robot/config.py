@@ -85,8 +85,7 @@ class RobotConfig:
         if self.rules.stop_lines and not self.map:
             raise ConfigError("rules.stop_lines: expected a map as well, to know lines by")
         if self.link and self.link.robots and not (self.rules.headway and self.map and self.sight):
-            needed = "map, sight and rules.headway as well: who hears others tells its own place"
-            raise ConfigError(f"link.robots: expected {needed}; add what is missing, or leave them")
+            raise ConfigError("link.robots: expected map, sight and rules.headway, or no robots")
         if self.rules.headway and not (self.map or self.sight):
             raise ConfigError("rules.headway: expected sight as well, to see others by, or a map")
         if self.sight and not (self.map or self.rules.headway):

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     import zmq
 
 ROLES = ("robot", "localizer", "monitor")
-# The streams in the order of their ports, and who may connect to each: a monitor to all, robots to
-# what tells them where they are, and where the others are.
+# The streams in the order of their ports, and who may connect to each: a monitor to all.
 BOUND_BY = {"pose": "localizer", "telemetry": "robot", "frame": "robot", "command": "robot"}
 _TWO = "robot", "monitor"
 ADMITS = {"pose": _TWO, "telemetry": _TWO, "frame": ("monitor",), "command": ("monitor",)}

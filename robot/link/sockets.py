@@ -148,10 +148,8 @@ class Link:
         """This link, as it speaks to another robot; ConfigError: we do not know its key."""
         key = self.keys.peers.get(other.name)
         if key is None or key.role != "robot":
-            raise ConfigError(
-                f"keys: expected the robot's in {ALLOWED}/{other.name}.key, got none; copy its "
-                f"{PUBLIC} there, and ours to it"
-            )
+            known = f"{ALLOWED}/{other.name}.key"
+            raise ConfigError(f"keys: expected a robot's in {known}, got none; copy its {PUBLIC}")
         link = copy.copy(self)  # with the same context and sockets
         link.keys = replace(self.keys, peers={other.name: key})
         link.config = replace(self.config, robot_host=other.host, base_port=other.base_port)

@@ -17,10 +17,9 @@ Reports = Mapping[str, Callable[[], Optional[Telemetry]]]
 
 
 class Company(Neighbours):
-    """`Neighbours` as they tell themselves; who came first to a junction is by this one's clock.
+    """`Neighbours` as they tell themselves; all must be heard, or nobody knows what is on the road.
 
-    All must be heard, or nobody knows what is on the road. ``reports``: by name, what gives the
-    newest one of another robot since the last call, or None, and never blocks.
+    ``reports``: by name, what gives another robot's newest one, or None, and never blocks.
     """
 
     def __init__(self, view: LaneView, robot: str, reports: Reports) -> None:

@@ -47,10 +47,7 @@ class _NoiseCamera:
 class _NoMotors:
     pose = Pose(0.0, 0.0, 0.0)
 
-    def _nothing(self, *_: object) -> None:
-        pass
-
-    set_wheels = stop = release = mend = _nothing
+    set_wheels = stop = release = mend = lambda *_: None
 
 
 class _StraightPath:

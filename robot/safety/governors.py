@@ -172,6 +172,7 @@ TOGETHER_S = 0.3  # so near to each other two arrive together
 LOOK_S = 1.2  # longer than it takes to see who came together with it
 QUIET_S = 4.0  # in which nobody goes, although all wait: then the least name goes, then the next
 _STAND = Cap(0.0, "others go first at the junction")
+_UNTOLD = Cap(0.0, "nothing tells who is at the junction")
 
 
 @dataclass(frozen=True)
@@ -193,8 +194,9 @@ class FirstCome:
         at = road.ahead.junction
         if at is None or at.own.inside:
             return FirstCome(), Cap()
-        if road.ahead.light is Light.RED or any(other.inside for other in at.others):
-            return FirstCome(), _STAND
+        inside = [other.name for other in at.others if other.inside]
+        if road.ahead.light is Light.RED or inside:
+            return FirstCome(), _STAND if all(inside) else _UNTOLD
         others = at.others
         if road.ahead.light is Light.GREEN:  # who waits on either side has a red one
             others = tuple(o for o in others if (o.arm - at.own.arm) % 2 == 0)

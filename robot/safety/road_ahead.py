@@ -24,7 +24,8 @@ class AtJunction:
     """One robot at a junction: at its line, or inside.
 
     ``arm``: where it came from, 0 to 3 counter-clockwise; the next one is on its right.
-    ``arrived_s``: since when it stands at its line, on the clock of who tells.
+    ``arrived_s``: since when it stands at its line, on the clock of who tells. ``name``: "" is
+    whoever may be there, where nobody tells.
     """
 
     arm: int

@@ -21,13 +21,15 @@ def manoeuvres(road_map: RoadMap) -> tuple[Path, ...]:
     of several such lanes the straightest counts. MapError if the map has neither.
     """
     graph = LaneGraph(road_map)
+    nodes_rad = graph.node_poses[:, 2]
+    turns_rad = [abs(float(wrap_angle(nodes_rad[b] - nodes_rad[a]))) for a, b in graph.lane_nodes]
     found: dict[bool, list[Path]] = {False: [], True: []}  # by whether it is a junction
     for lane, (start, end) in enumerate(graph.lane_nodes):
         tile = road_map.tiles[graph.lanes[lane].tile_row][graph.lanes[lane].tile_column]
         into = [k for k, (_, after) in enumerate(graph.lane_nodes) if after == start]
         out = [k for k, (before, _) in enumerate(graph.lane_nodes) if before == end]
         if tile.kind != "straight" and into and out:
-            straightest = partial(min, key=lambda near: abs(_turn_rad(graph, near)))
+            straightest = partial(min, key=turns_rad.__getitem__)
             lanes = (straightest(into), lane, straightest(out))
             if not graph.closed.intersection(lanes):
                 curves = [graph.lanes[each].control_points_m for each in lanes]
@@ -55,11 +57,6 @@ class Manoeuvres(Navigation):
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         number = int(rng.integers(len(self.manoeuvres))) if turn is None else turn
         return self.manoeuvres[number % len(self.manoeuvres)], 0.0
-
-
-def _turn_rad(graph: LaneGraph, lane: int) -> float:
-    start, end = graph.lane_nodes[lane]
-    return float(wrap_angle(graph.node_poses[end, 2] - graph.node_poses[start, 2]))
 
 
 register(

@@ -47,14 +47,9 @@ class Scenario:
             )
 
 
-def shipped_scenarios() -> dict[str, Path]:
-    """The scenarios that come with this package, by name."""
-    return {path.stem: path for path in sorted(SCENARIOS_FOLDER.glob("*.yaml"))}
-
-
 def load_scenario(source: str | Path) -> Scenario:
     """A file, or the name of a shipped scenario; ConfigError for others or what cannot be read."""
-    shipped = shipped_scenarios()
+    shipped = {path.stem: path for path in SCENARIOS_FOLDER.glob("*.yaml")}
     path = shipped.get(str(source), Path(source))
     if not path.is_file():
         raise ConfigError(

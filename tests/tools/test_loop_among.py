@@ -60,7 +60,7 @@ def test_without_a_localizer_they_tell_each_other_and_wait_while_one_is_silent(
         bench.stop("robot2")
         for kind, place in (("arm", None), ("mission", GOAL)):
             assert bench.operator.ask(kind, place) == (True, "")
-        waits = "AUTO: others go first at the junction"
+        waits = "AUTO: nothing tells who is at the junction"
         bench.until(lambda: waits in bench.processes["robot"].said(), 20.0, "it to wait")
         bench.until(lambda: bench.now_s - town.moved_s > 5.0, 20.0, "it to stand for long")
 

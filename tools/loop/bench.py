@@ -79,8 +79,11 @@ class Bench:
             self.keys.update(keygen_of_second(folder / "keys2", self.keys))
         self._page_ports = {"monitor": free_ports(1), "monitor2": free_ports(1)}
         self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
-        if options.among and not options.localizer:
-            self._meet_each_other()
+        if options.among and not options.localizer:  # they hear each other
+            links = self.link_configs
+            for name, other in (("robot", "robot2"), ("robot2", "robot")):
+                heard = OtherRobot(other, "127.0.0.1", links[other].base_port)
+                links[name] = replace(links[name], robots=(heard,))
         self.processes: dict[str, Process] = {}
         self.recordings = options.recordings or folder / "recordings"
         self.operator: Operator
@@ -236,13 +239,6 @@ class Bench:
         places |= {"port": self._page_ports.get(name, 0), "map": self.options.map, "name": name}
         words = [word.format(**places) for word in PROGRAMS[name.rstrip("2")].split()]
         return [*words, *self.options.page] if name == "monitor" else words
-
-    def _meet_each_other(self) -> None:
-        """Each robot hears of the other from itself."""
-        links = self.link_configs
-        for name, other in (("robot", "robot2"), ("robot2", "robot")):
-            heard = OtherRobot(other, "127.0.0.1", links[other].base_port)
-            links[name] = replace(links[name], robots=(heard,))
 
     def use_model(self, model: Path) -> None:
         """The policy that the robot is started with from now on."""

@@ -75,9 +75,8 @@ def _watch_streams(shared: SharedTime) -> None:
         return sent
 
     def patient_receive(subscriber: Any) -> Any:
-        kind = subscriber._kind.KIND
-        others = kind == "telemetry" and subscriber._link.keys.role == "robot"
-        due = shared.get(OTHERS if others else kind)
+        kind, role = subscriber._kind.KIND, subscriber._link.keys.role
+        due = shared.get(OTHERS if (kind, role) == ("telemetry", "robot") else kind)
         newest: Any = None
 
         def there() -> bool:

@@ -27,6 +27,7 @@ from sim_pybullet.traffic.crowd import Body
 from trainer.judging.evaluate import DrivingPolicy, _choose
 
 _RULES = KeepApart(), StopLines(), Lights(), FirstCome()  # pure, as they begin
+_REPORT = Telemetry("judge", "AUTO", session="judge")
 _SMALL = ImageSpec(40, 30)  # for films: who does not look needs no more
 
 
@@ -210,7 +211,8 @@ class Together(Pilot):
                 watch = RoadWatch(view, Company(view, _name(i), reports), WaySeen())
                 self._robots.append((Ruled(Pose(*pose), _RULES), watch))
         self._turns += 1
-        now_s, poses, within_m = self._turns * CONTROL_DT_S, known.poses.tolist(), known.within_m
+        now_s, poses = self._turns * CONTROL_DT_S, known.poses.tolist()
+        within_m = known.within_m.tolist()
         arc_m = task.paths.project(known.poses[:, :2], task.paths.index_at(task.course.arc_m)).arc_m
         ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
         for i in np.flatnonzero(world.active).tolist():
@@ -218,19 +220,12 @@ class Together(Pilot):
             robot.moved(Pose(*world.poses[i].tolist()))
             if known.seen is not None:
                 watch.saw(Seen(*(part[i : i + 1] for part in known.seen)), robot.driven_m, now_s)
-            here = Pose(*poses[i]), float(within_m[i])
-            ahead = watch.look(now_s, robot.driven_m, here, ways_m[i])
+            ahead = watch.look(now_s, robot.driven_m, (Pose(*poses[i]), within_m[i]), ways_m[i])
             shares[i] = robot.slowed(shares[i], now_s, ahead)
-        for i, (pose, long_m) in enumerate(zip(poses, within_m.tolist(), strict=True)):
-            sure = Belief(min(long_m, FAR_M), 0.0, 0.0, 0.0, "sight")
-            self._said[i] = Telemetry(
-                *(_name(i), "AUTO"),
-                pose=(pose[0], pose[1], pose[2]),
-                belief=sure,
-                session="judge",
-                sequence=self._turns,
-                t_sent_s=now_s,
-            )
+        for i, (x_m, y_m, heading_rad) in enumerate(poses):
+            sure = Belief(min(within_m[i], FAR_M), 0.0, 0.0, 0.0, "sight")
+            said = replace(_REPORT, robot=_name(i), pose=(x_m, y_m, heading_rad), belief=sure)
+            self._said[i] = replace(said, sequence=self._turns, t_sent_s=now_s)
         return shares
 
 

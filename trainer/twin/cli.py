@@ -3,15 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import tyro
 from rich.console import Console
 from rich.progress import Progress
-
-if TYPE_CHECKING:
-    from trainer.twin.fit import Twin
-    from trainer.twin.recorded import Recorded
 
 
 def fit_command(
@@ -29,7 +25,7 @@ def fit_command(
     return 0
 
 
-def _fit(recordings: Sequence[Path], out: Path, console: Console) -> "tuple[list[Recorded], Twin]":
+def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, Any]:
     from trainer.twin.fit import fit_twin, write_twin, write_twin_page
     from trainer.twin.recorded import read_drives
 

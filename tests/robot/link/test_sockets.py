@@ -79,7 +79,7 @@ def test_a_robot_hears_the_one_of_others_whose_key_it_has(
 
     assert until(arrived)
     assert got[-1].robot == name
-    with pytest.raises(ConfigError, match=r"the robot's in allowed/scout\.key, got none"):
+    with pytest.raises(ConfigError, match=r"a robot's in allowed/scout\.key, got none"):
         link.to(replace(other, name="scout"))
 
 

@@ -16,7 +16,7 @@ from sim_pybullet.traffic.crowd import Approach, Crowd, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
-from sim_pybullet.traffic.scenario import Scenario, load_scenario, shipped_scenarios
+from sim_pybullet.traffic.scenario import SCENARIOS_FOLDER, Scenario, load_scenario
 from sim_pybullet.traffic.streets import Layout, Streets, tours
 
 NOBODY = np.full((1, 1, 2), np.nan)
@@ -137,7 +137,7 @@ def test_a_light_is_green_for_two_ways_of_four_in_turn() -> None:
     assert (rows[owners == 0, -3:] != rows[owners == 1, -3:]).any()
 
 
-@pytest.mark.parametrize("name", sorted(shipped_scenarios()))
+@pytest.mark.parametrize("name", sorted(path.stem for path in SCENARIOS_FOLDER.glob("*.yaml")))
 @pytest.mark.parametrize("map_name", ["loop", "judging/rings/zed", "judging/towns/knot"])
 def test_everybody_begins_apart_from_everybody(name: str, map_name: str) -> None:
     how, streets = load_scenario(name), Streets([load_map(map_name)])
