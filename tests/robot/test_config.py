@@ -2,11 +2,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Dict
 
 import pytest
 
 from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
+from robot.link.sockets import LinkConfig, OtherRobot
 from robot.safety.governors import FirstCome, KeepApart, Rules, StopLines
 from robot.typed_config import from_plain, load_yaml, to_plain
 
@@ -59,18 +61,29 @@ def test_what_does_not_fit_is_refused(data: dict, said: str) -> None:
     assert said in str(caught.value)
 
 
+NAVIGATOR: Dict[str, Any] = {
+    "map": "town",
+    "sight": "sight.onnx",
+    "rules": Rules(headway=True),
+    "link": LinkConfig("keys", robots=(OtherRobot("robot2", "192.168.1.12"),)),
+}
+
+
 @pytest.mark.parametrize(
     ("told", "said"),
     [
         ({"rules": Rules(stop_lines=True)}, r"rules\.stop_lines: expected a map as well"),
         ({"rules": Rules(headway=True)}, r"rules\.headway: expected sight as well"),
         ({"sight": "sight.onnx"}, r"sight: expected a map as well, .* or rules\.headway"),
+        ({**NAVIGATOR, "rules": Rules()}, r"link\.robots: expected map, sight and rules\.headway"),
+        ({**NAVIGATOR, "sight": ""}, r"link\.robots: expected map, sight and rules\.headway"),
     ],
 )
 def test_rules_and_sight_have_what_they_need(told: dict, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         RobotConfig("lane.onnx", **told)
     RobotConfig("lane.onnx", sight="sight.onnx", rules=Rules(headway=True))
+    RobotConfig("nav.onnx", **NAVIGATOR)
 
 
 def test_right_of_way_needs_the_rules_that_it_counts_on() -> None:

@@ -22,7 +22,7 @@ from robot.geometry import Pose, WheelSpeeds
 from robot.inference.policy import SHIPPED_MODELS
 from robot.link.command_client import CommandClient
 from robot.link.messages import Ack, Mission, PosesMessage, Sighting, Telemetry
-from robot.link.sockets import LinkConfig, Publisher, Subscriber
+from robot.link.sockets import LinkConfig, OtherRobot, Publisher, Subscriber
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.recording import topics
@@ -237,6 +237,21 @@ def test_a_lane_keeper_obeys_no_rule_that_it_cannot_see_to(
     }
     with pytest.raises(ConfigError, match=r"rules\.headway: expected sight as well"):
         open_robot(replace(config, rules=Rules(headway=True)), **parts).__enter__()
+
+
+def test_a_robot_that_shall_hear_another_must_know_its_key(
+    tmp_path: Path, configs: Dict[str, LinkConfig]
+) -> None:
+    model = str(write_policy(tmp_path / "nav.onnx", navigation_contract()))
+    link = replace(configs["robot"], robots=(OtherRobot("robot2", "127.0.0.1"),))
+    rules = Rules(True, True, True)
+    config = RobotConfig(model, map="town", sight=str(SIGHT), link=link, rules=rules)
+    parts = {
+        "camera": nullcontext(DarkCamera()),
+        "motors": nullcontext(RollingMotors(Pose(0.0, 0.0, 0.0))),
+    }
+    with pytest.raises(ConfigError, match=r"expected a robot's in allowed/robot2\.key, got none"):
+        open_robot(config, **parts).__enter__()
 
 
 def test_a_robot_without_its_watchdog_does_not_drive(
