@@ -62,18 +62,15 @@ def run_stage(stage: Stage, console: "Console") -> float:
 def summarise(out: Path, total_s: float) -> dict[str, Any]:
     """The demo's metrics from the files of its stages."""
     told = read_yaml(FILE)["told"]
+    learned_on = told["learned_on"]
     names = ("lane/metrics", "lane/evaluation", "loop", "navigation")
     training, evaluation, loop, navigation = (read_json(out / f"{name}.json") for name in names)
     return {
         "schema": 1,
-        "inputs": {
-            "map": " ".join(told["learned_on"]),
-            "algo": "dueling",
-            "episodes": told["episodes"],
-        },
+        "inputs": {"map": " ".join(learned_on), "algo": "dueling", "episodes": told["episodes"]},
         "train_seconds": training["train_seconds"],
         "train_steps": training["train_steps"],
-        "learned_on": told["learned_on"],
+        "learned_on": learned_on,
         "judged_on": told["judged_on"],
         "success_rate": evaluation["success_rate"],
         "mean_path_distance_m": evaluation["mean_path_distance_m"],

@@ -89,7 +89,8 @@ def judge(options: argparse.Namespace, folder: Path) -> Iterator[Floor]:
             continue
         path = record_drive(look, options.map, options.seconds, options.seed + k, folder / "d.mcap")
         out, began_s = folder / name, time.process_time()
-        status = teach_command((path,), str(base), out, seed=options.seed)
+        more = {"cyclegan": options.cyclegan, "seed": options.seed}
+        status = teach_command((path,), str(base), out, **more)
         cpu_s = time.process_time() - began_s
         path.unlink()
         model = out / "model.onnx"
@@ -132,6 +133,7 @@ def main() -> int:
     parser = OneLineParser(prog="python -m tests.trainer.judge_teach", description=__doc__)
     parser.add_argument("--base", default="lane_coached", help="an ONNX file or a shipped policy")
     parser.add_argument("--map", default="rings/claw", help="of a ring, or a town for navigators")
+    parser.add_argument("--cyclegan", type=whole(0, 10**6), default=0, help="as of teach")
     parser.add_argument("--drives", type=whole(1, 1000), default=50, help="on each true floor")
     return tell(parser, judge)
 

@@ -8,21 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from rich.console import Console
 
 from robot.contract import PolicyContract, Proof
-from robot.errors import ContractError
+from robot.errors import ConfigError, ContractError
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.path import path_input
 from robot.navigation.road_map import load_map
 from robot.recording.topics import Turn
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.navigation import RandomRoutes
+from tests.tools.recorded import recorded
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
+from trainer.twin import translation
 from trainer.twin.examples import AHEAD_M, Examples, examples_of, foretold, ways_driven
 from trainer.twin.proof import where_failed
 from trainer.twin.recorded import Recorded
 from trainer.twin.teach import TeachConfig, base_file, load_base, teach
+from trainer.twin.translation import twin_to_real
 
 LANE = PolicyContract("lane", "coached")
 LEFT = (0.06, 0.30)
@@ -142,6 +146,37 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     export_network(network, replace(taught, proof=proof), model)
     assert OnnxPolicy(model).contract.proof == proof
     assert "proven to 0% of drives" in OnnxPolicy(model).contract.unproven
+
+
+def test_only_the_twin_is_seen_through_a_translator() -> None:
+    seen: list[int] = []
+
+    def darkened(pictures: np.ndarray) -> np.ndarray:
+        seen.append(len(pictures))
+        return pictures // 2
+
+    network, contract = load_base(base_file("lane_coached"))
+    nobody = Examples(np.zeros((0, *contract.picture_shape), np.uint8), None, *[np.zeros(0)] * 3)
+    config = TeachConfig(steps=6, robots=2, batch=4, painted=1)
+    teach(network, contract, load_map("loop"), [NOMINAL], nobody, config, 0, darkened)
+    assert sum(seen) == 2 * 7, "what two robots saw of the twin, first and after each step"
+
+
+def test_a_cyclegan_between_twin_and_recording_goes_on_where_it_was_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(translation, "FRAMES", 8)
+    (tmp_path / "twin.yaml").write_text("ground: {brightness: 0.9}")
+    image, told = load_base(base_file("lane_coached"))[1].image, Console(quiet=True)
+    drive = recorded(tmp_path, "a", 12)
+    translator = twin_to_real([drive], image, tmp_path, 2, 0, told)
+    assert translator.contract.direction == "sim-to-real"
+    pictures = np.full((2, *image.shape), 90, np.uint8)
+    first = translator(pictures)
+    again = twin_to_real([drive], image, tmp_path, 2, 0, told)
+    np.testing.assert_array_equal(again(pictures), first)
+    with pytest.raises(ConfigError, match="expected one of these recordings"):
+        twin_to_real([recorded(tmp_path, "b", 12)], image, tmp_path, 2, 0, told)
 
 
 def test_a_proof_says_where_most_drives_fail_and_when() -> None:

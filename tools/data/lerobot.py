@@ -137,18 +137,11 @@ def _episode_table(episodes: Sequence[Sequence[Sample]], fps: int, task: str) ->
         first = end - len(run)
         places = product(("data", f"videos/{VIDEO}", "meta/episodes"), ("chunk", "file"))
         files = {f"{of}/{kind}_index": 0 for of, kind in places}
-        rows.append(
-            {
-                "episode_index": number,
-                "tasks": [task],
-                "length": len(run),
-                "dataset_from_index": first,
-                "dataset_to_index": end,
-                f"videos/{VIDEO}/from_timestamp": first / fps,
-                f"videos/{VIDEO}/to_timestamp": end / fps,
-                **files,
-            }
-        )
+        row = {"episode_index": number, "tasks": [task], "length": len(run)}
+        row |= {"dataset_from_index": first, "dataset_to_index": end}
+        film = f"videos/{VIDEO}"
+        row |= {f"{film}/from_timestamp": first / fps, f"{film}/to_timestamp": end / fps}
+        rows.append(row | files)
     return pa.Table.from_pylist(rows)
 
 
@@ -194,32 +187,19 @@ def _info(
 ) -> dict[str, Any]:
     video = {"fps": fps, "height": shape[0], "width": shape[1], "channels": 3, "codec": "h264"}
     video |= {"pix_fmt": "yuv420p", "is_depth_map": False}
-    features: dict[str, Any] = {
-        name: {
-            "dtype": str(values.dtype),
-            "shape": [values.shape[1]],
-            "names": WHEELS if values.shape[1] == 2 else None,
-        }
-        for name, values in columns.items()
-    }
+    features: dict[str, Any] = {}
+    for name, values in columns.items():
+        named = WHEELS if values.shape[1] == 2 else None
+        features[name] = {"dtype": str(values.dtype), "shape": [values.shape[1]], "names": named}
     names = ["height", "width", "channels"]
     features[VIDEO] = {"dtype": "video", "shape": list(shape), "names": names}
     features[VIDEO]["info"] = {f"video.{name}": value for name, value in video.items()}
-    return {
-        "codebase_version": "v3.0",
-        "robot_type": "duckpilot",
-        "total_episodes": episodes,
-        "total_frames": frames,
-        "total_tasks": 1,
-        "chunks_size": 1000,
-        "data_files_size_in_mb": 100,
-        "video_files_size_in_mb": 200,
-        "fps": fps,
-        "splits": {"train": f"0:{episodes}"},
-        "data_path": f"data/{CHUNKS}.parquet",
-        "video_path": f"videos/{{video_key}}/{CHUNKS}.mp4",
-        "features": features,
-    }
+    info: dict[str, Any] = {"codebase_version": "v3.0", "robot_type": "duckpilot", "fps": fps}
+    info |= {"total_episodes": episodes, "total_frames": frames, "total_tasks": 1}
+    info |= {"chunks_size": 1000, "data_files_size_in_mb": 100, "video_files_size_in_mb": 200}
+    info |= {"data_path": f"data/{CHUNKS}.parquet"}
+    info |= {"video_path": f"videos/{{video_key}}/{CHUNKS}.mp4"}
+    return {**info, "splits": {"train": f"0:{episodes}"}, "features": features}
 
 
 def _rows(dataset: Path, folder: str) -> list[dict[str, Any]]:

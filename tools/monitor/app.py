@@ -227,27 +227,20 @@ def draw_map(road_map: RoadMap) -> dict[str, Any]:
     Beziers x0, y0, ... x3, y3; ``floor`` are tiles without road, by their south-west corners.
     """
     size = road_map.tile_size_m
+    bare = [tile for row in road_map.tiles for tile in row if not tile.is_road]
+    last, told = road_map.rows - 1, ("kind", "x_m", "y_m", "heading_rad", "height_m")
     return {
         "name": road_map.name,
         "width_m": road_map.width_m,
         "height_m": road_map.height_m,
         "tile_size_m": size,
         "floor": [
-            {
-                "kind": tile.kind,
-                "x_m": tile.column * size,
-                "y_m": (road_map.rows - 1 - tile.row) * size,
-            }
-            for row in road_map.tiles
-            for tile in row
-            if not tile.is_road
+            {"kind": tile.kind, "x_m": tile.column * size, "y_m": (last - tile.row) * size}
+            for tile in bare
         ],
         "lanes": [_curve(lane.control_points_m) for lane in road_map.lanes],
         "centre_lines": _centre_lines(road_map.lanes),
-        "objects": [
-            {name: getattr(o, name) for name in ("kind", "x_m", "y_m", "heading_rad", "height_m")}
-            for o in objects_of(road_map)
-        ],
+        "objects": [{name: getattr(o, name) for name in told} for o in objects_of(road_map)],
     }
 
 

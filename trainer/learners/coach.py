@@ -7,6 +7,7 @@ Reinforcement Learning Coach"). Nothing but the task's reward says what is right
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -58,19 +59,10 @@ def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> A
 def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:
     blind = make_env(replace(config, translate=None), ROBOTS, config.seed, NoCamera())
     env = told_instead(blind, config.reward_scale)
-    model = PPO(
-        "MlpPolicy",
-        env,
-        n_steps=128,
-        batch_size=512,
-        n_epochs=5,
-        gamma=GAMMA,
-        learning_rate=1e-3,
-        ent_coef=0.02,
-        policy_kwargs={"net_arch": [64, 64], "activation_fn": torch.nn.Tanh},
-        seed=config.seed,
-        device="cpu",
-    )
+    how: dict[str, Any] = {"n_steps": 128, "batch_size": 512, "n_epochs": 5, "gamma": GAMMA}
+    how |= {"learning_rate": 1e-3, "ent_coef": 0.02, "seed": config.seed, "device": "cpu"}
+    net = {"net_arch": [64, 64], "activation_fn": torch.nn.Tanh}
+    model = PPO("MlpPolicy", env, policy_kwargs=net, **how)
     with console.status(f"teaching a coach for {steps:,} decisions"):
         model.learn(steps)
     env.close()

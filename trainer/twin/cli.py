@@ -49,6 +49,7 @@ def teach_command(
     out: Path = Path("my_policy"),
     drives: int = 100,
     steps: int = 900,
+    cyclegan: int = 0,
     seed: int = 0,
 ) -> int:
     """Teach a policy your floor: fit a twin, learn on in it, and prove it there.
@@ -62,6 +63,8 @@ def teach_command(
         out: folder.
         drives: in the twin, for the proof.
         steps: of learning.
+        cyclegan: updates of a CycleGAN between twin and recordings, through which the twin's
+            pictures then pass; 0 for none.
         seed: of everything random.
     """
     import torch
@@ -71,6 +74,7 @@ def teach_command(
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
     from trainer.twin.teach import TeachConfig, base_file, load_base, pose_error, teach
+    from trainer.twin.translation import twin_to_real
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True, highlight=False)
@@ -80,8 +84,11 @@ def teach_command(
     looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
     person = examples_of(seen, twin.places, contract, held_out=False)
     options = TeachConfig(steps)
+    shown = None
+    if cyclegan:
+        shown = twin_to_real(recordings, contract.image, out, cyclegan, seed, console)
     with console.status("teaching"):
-        teach(network, contract, road_map, looks, person, options, seed)
+        teach(network, contract, road_map, looks, person, options, seed, shown)
     trained = contract.trained_steps + 2 * steps * options.robots
     taught = replace(
         contract, run=out.name, taught_from=path.stem, trained_steps=trained, score=None

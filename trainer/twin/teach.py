@@ -17,7 +17,7 @@ from torch.nn.functional import cross_entropy
 
 from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ContractError
-from robot.inference.policy import SHIPPED_MODELS, read_contract
+from robot.inference.policy import SHIPPED_MODELS, Translator, read_contract
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import Looks
@@ -101,15 +101,16 @@ def teach(
     person: Examples,
     config: TeachConfig,
     seed: int,
+    translator: Translator | None = None,
 ) -> None:
-    """Let the network learn on, in place.
+    """Let the network learn on, in place; it sees the twin through a ``translator``, if any.
 
     ContractError: a policy of another vehicle or other actions, or of stacked pictures.
     """
     if contract.actions != FIVE_ACTIONS or contract.frames != 1:
         raise ContractError("teach: expected a policy of one picture and the five actions")
     rng, robots = np.random.default_rng(seed), config.robots
-    worlds = _worlds(contract, road_map, twin, config, seed)
+    worlds = _worlds(contract, road_map, twin, config, seed, translator)
     optimiser = torch.optim.Adam(network.parameters(), config.rate)
     observed, frames = [world.reset() for world in worlds], 2 * robots * config.steps
     seen = {"image": np.zeros((frames, *contract.picture_shape), np.uint8)}
@@ -153,18 +154,24 @@ def pose_error(contract: PolicyContract) -> str | None:
 
 
 def _worlds(
-    contract: PolicyContract, road_map: RoadMap, twin: Looks, config: TeachConfig, seed: int
+    contract: PolicyContract,
+    road_map: RoadMap,
+    twin: Looks,
+    config: TeachConfig,
+    seed: int,
+    translator: Translator | None,
 ) -> list[BatchWorld]:
     """The twin's, and one of training maps and looks."""
     spec, names = find_task(contract.task), division().maps.training
     rings = bool(spec.lanes)
     fit = [name for name in names if (name == "loop" or name.startswith("rings/")) == rings]
     usual = Sites(load_look_sampler(name, pose_error(contract)) for name in USUAL)
-    kinds = ([road_map], twin), ([load_map(n) for n in fit[:5]], usual)
+    kinds = ([road_map], twin, translator), ([load_map(n) for n in fit[:5]], usual, None)
     worlds = []
-    for k, (maps, looks) in enumerate(kinds):
+    for k, (maps, looks, shown) in enumerate(kinds):
         choices = Choices("both" if rings else None, start_spread=1.6)
         task = spec.build(maps, config.robots, choices)
         many = max(1, config.painted // len(maps))
-        worlds.append(BatchWorld(task, looks, contract.image, seed + k, many))
+        world = BatchWorld(task, looks, contract.image, seed + k, many, translator=shown)
+        worlds.append(world)
     return worlds
