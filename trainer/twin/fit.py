@@ -33,6 +33,7 @@ LEAST_TOLD = 30  # of these pictures must tell something
 NEAR_S = 0.5  # of a told pose: farther away the way is the wheels' alone
 LEAST_OBEYED = 0.6  # correlation
 LEAST_EXPLAINED = 0.5  # of the key pictures, else the camera is not known
+LATE_S = 0.04  # pictures are usually: where they were taken is looked for from there on
 _FAIR = 0.7  # of that, a picture must be explained to tell a pose
 _FLOOR = np.diag(np.array((3e-3, 3e-3, 8e-3)) ** 2)  # by which seen poses err at least
 # How wrong a value may be beyond what its own residuals say, by virtual robots of known looks.
@@ -136,15 +137,16 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     motion = moved.fit_motion(above, eye=False, tries=6)
     ways = [moved.smoothed(told, motion) for told in above]
     near = [moved.at_times(w, d.times_s) for w, d in zip(ways, drives, strict=True)]
+    shown = [moved.at_times(w, d.times_s, LATE_S) for w, d in zip(ways, drives, strict=True)]
     images = np.concatenate([drive.images for drive in drives])
     chosen = np.linspace(0, len(images) - 1, KEY_PICTURES).astype(int)
-    camera = seen.fit_camera(images[chosen], np.concatenate(near)[chosen], drives[0].road_map)
+    camera = seen.fit_camera(images[chosen], np.concatenate(shown)[chosen], drives[0].road_map)
     found: Found = {}
     unseen = [f"not seen, as wide as randomised: {', '.join(_OUT_OF_SIGHT)}"]
     known = camera.share >= LEAST_EXPLAINED
     if known:
         scene = seen.cover_scene(drives[0].road_map, camera.width)
-        told = _tracks(drives, near, scene, camera)
+        told = _tracks(drives, shown, scene, camera)
         motion = moved.fit_motion(list(told.values()), eye=True)
         if camera.rival is not None:
             other_mm = 1e3 * camera.rival[0]
