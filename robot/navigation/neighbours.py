@@ -27,6 +27,7 @@ _HALF_WIDE_M = 0.08
 _RETURN_M = 0.6  # in which a robot that heads elsewhere gets back to the middle of its lane
 _WALKS_S = (0.0, 0.4, 0.8, 1.2)  # who walks counts where it will be, too
 _IN_FRONT_M = 0.03
+_SWING_M = 0.09  # deviation of whether it comes to who stands beside its lane
 _STILL_MPS = 0.05  # poses of who stands move, too
 _AT_LINE_M = 0.12  # so near to the line its nose stands who has arrived
 _OVER_M = 0.02  # so far beyond it is inside
@@ -66,11 +67,16 @@ def free_way(
         # In a bend it comes near to things long before it would be abreast of them.
         most_m = np.minimum(AHEAD_M[first] + _HALF_WIDE_M, AHEAD_M[where] - here[:, 4]) - NOSE_M
         on_it = near.any(axis=1) & (pose.to_robot(at_m)[:, 0] > _IN_FRONT_M - 2.0 * sigma_m)
+        kept_m = np.linalg.norm(at_m[:, None] - lane_m, axis=-1).min(axis=1)
+        still = np.hypot(here[:, 2], here[:, 3]) <= _STILL_MPS
+        beside = still & (kept_m >= _HALF_WIDE_M + here[:, 4])  # of the lane
+        away_m = np.hypot(*(at_m - pose[:2]).T) - here[:, 4] - NOSE_M
+        most_m = np.where(beside, away_m, most_m)
         for k in np.flatnonzero(on_it & (most_m < nearest.free_m)).tolist():
             if most_m[k] < nearest.free_m:
                 step = np.diff(way_m[min(where[k], 59) :][:2], axis=0)[0]
                 along = float(here[k, 2:4] @ step) / max(float(np.hypot(*step)), 1e-9)
-                nearest = RoadAhead(float(most_m[k]), coming_mps=-along)
+                nearest = RoadAhead(float(most_m[k]), _SWING_M * bool(beside[k]), -along)
     return nearest
 
 
@@ -186,7 +192,8 @@ class Neighbours:
         junction = self._junction
         if junction is not None and self._crossings.inside(pose) is None:
             junction = replace(junction, own=replace(junction.own, inside=False))
-        return replace(way, free_sigma_m=self._sigma_m, junction=junction)
+        sigma_m = max(way.free_sigma_m, self._sigma_m)
+        return replace(way, free_sigma_m=sigma_m, junction=junction)
 
     def _known(self, now_s: float) -> Iterator[str]:
         """Who was seen lately."""

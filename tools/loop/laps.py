@@ -172,14 +172,11 @@ def summary(record: LapRecord, options: LoopOptions, site: str) -> dict[str, Any
         "site": site,
         "missions": 1,
         "arrived": int(arrived),
-        "laps": record.laps,
-        "seconds": record.seconds,
         "mean_path_distance_m": float(offsets_m.mean()),
         "max_path_distance_m": float(offsets_m.max()),
         "position_rms_m": float(rms[0]),  # of the step odometry, which nothing corrects here
         "heading_rms_rad": float(rms[1]),
         "lost_steps": list(record.lost_steps),
-        "state": record.state,
-        "reason": record.reason,
         "stops": [] if arrived else [stop],
+        **{name: getattr(record, name) for name in ("laps", "seconds", "state", "reason")},
     }

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Dict
+from dataclasses import replace
+from typing import Dict, Tuple
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from hypothesis import strategies as st
 
 from robot.geometry import Pose
 from robot.navigation.neighbours import AHEAD_M, Crossings, Other, Traveller, free_way
-from robot.navigation.road_map import read_map
+from robot.navigation.planner import LaneGraph, plan_path
+from robot.navigation.road_map import load_map, read_map
+from robot.safety.governors import Road, Rules, govern
 
 EAST = np.stack((AHEAD_M, 0.0 * AHEAD_M), axis=1)
 CROSS = read_map(
@@ -114,3 +117,42 @@ def test_a_robot_is_inside_from_its_nose_to_its_tail_and_keeps_its_arm() -> None
     assert min(inside) == pytest.approx(0.6 - NOSE_M + 0.02, abs=0.02)
     assert max(inside) == pytest.approx(1.2 + 0.1, abs=0.02)
     assert {at.own.arm for at in told.values() if at is not None} == {0}
+
+
+@pytest.mark.parametrize(
+    "here", [(3.585, 0.424, -2.4), (3.58, 0.42, -2.35), (3.57, 0.4, -2.4), (3.6, 0.44, -2.3)]
+)
+@pytest.mark.parametrize("sigma_m", [0.03, 0.05])
+def test_who_swings_wide_before_one_that_waits_beside_its_lane_gets_by_slowly(
+    here: Tuple[float, float, float], sigma_m: float
+) -> None:
+    """It turns right out of a junction, whose line on the left another keeps: both would wait."""
+    pose, other = Pose(*here), Other(3.39, 0.17)
+    path = plan_path(LaneGraph(load_map("town")), Pose(3.68, 0.95, -1.45), (2.9, 0.4))
+    rules, told_mps, before_m, hint = Rules(headway=True).chain(), 0.0, math.inf, None
+    fastest_mps = 0.0
+    for turn in range(150):
+        at = path.project(pose.x_m, pose.y_m, hint)
+        hint = at.index
+        way = free_way(path.batch.points_at(at.arc_m + AHEAD_M[None])[0], pose, [other], sigma_m)
+        ahead = replace(way, free_sigma_m=max(way.free_sigma_m, sigma_m))
+        rules, cap = govern(rules, Road(0.1 * turn, 0.0, told_mps, ahead))
+        told_mps = min(0.24, cap.most_mps)
+        if math.isfinite(way.free_m):
+            fastest_mps = max(fastest_mps, told_mps)
+        aim = pose.to_robot(np.array([path.pose_at(at.arc_m + 0.16)[:2]]))[0]
+        bend_pm = float(np.clip(2.0 * aim[1] / (aim @ aim), -9.0, 9.0))
+        pose = pose.moved(0.1 * told_mps, 0.1 * told_mps * bend_pm)
+        before_m = min(before_m, math.dist(pose[:2], other[:2]))
+        if at.arc_m > path.length_m - 0.15:
+            break
+    assert at.arc_m > path.length_m - 0.15, "both wait for ever"
+    assert before_m > 0.19
+    assert fastest_mps <= 0.04 + 1e-9
+
+
+def test_who_stands_on_its_lane_is_no_less_in_its_way_for_a_swing() -> None:
+    for aside_m, unsure in ((0.16, False), (0.18, True)):
+        way = free_way(EAST, Pose(0.0, 0.0, 0.35), [Other(0.5, aside_m)])
+        assert math.isfinite(way.free_m)
+        assert (way.free_sigma_m > 0.08) is unsure
