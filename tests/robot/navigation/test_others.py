@@ -152,7 +152,8 @@ def test_who_swings_wide_before_one_that_waits_beside_its_lane_gets_by_slowly(
 
 
 def test_who_stands_on_its_lane_is_no_less_in_its_way_for_a_swing() -> None:
-    for aside_m, unsure in ((0.16, False), (0.18, True)):
-        way = free_way(EAST, Pose(0.0, 0.0, 0.35), [Other(0.5, aside_m)])
+    comes = Other(0.5, 0.18, -0.2)  # whoever drives may come nearer yet
+    for other, unsure in ((Other(0.5, 0.16), False), (Other(0.5, 0.18), True), (comes, False)):
+        way = free_way(EAST, Pose(0.0, 0.0, 0.35), [other])
         assert math.isfinite(way.free_m)
         assert (way.free_sigma_m > 0.08) is unsure
