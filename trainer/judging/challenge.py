@@ -106,10 +106,10 @@ class Contest:
                 f"{path}: expected a policy, .onnx, expert or stand; there is no file"
             )
         policy = open_policy(path, "lane")
-        if bare:
-            return Pilot(policy)
-        if poses != "sight":
-            return Governed(policy, poses)
+        if bare or poses != "sight":
+            return Pilot(policy) if bare else Governed(policy, poses)
         if policy.contract.path_points:
             return Together(policy, OnnxSight(SHIPPED))
+        if self.asked.challenge == "lfvi":
+            raise ConfigError(f"{path}: expected a navigator, to know its junctions by sight")
         return Sighted(policy, OnnxSight(SHIPPED))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, ImageSpec
 from robot.errors import ConfigError
+from robot.inference.policy import SHIPPED_MODELS
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.navigation.road_map import load_map
 from robot.safety.state_machine import Command
@@ -20,9 +20,9 @@ from sim_pybullet.randomise import load_look_sampler
 from tests.robot.navigation.test_lane_watch import FakeSight, OnTheLane
 from tests.robot.navigation.test_way_seen import picture
 from tests.trainer.judging.test_governed import Heedless
-from trainer.judging.challenge import Episode, drive
+from trainer.judging.challenge import Contest, Episode, drive
 from trainer.judging.cli import JudgeOptions, judge_command
-from trainer.judging.drivers import Driver, Pilot, Sighted
+from trainer.judging.drivers import Driver, Pilot, Sighted, Together
 from trainer.sight.cli import SHIPPED
 
 POLICY: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0, frames=1))
@@ -76,6 +76,9 @@ def test_the_judge_decides_as_the_robot_does(monkeypatch: pytest.MonkeyPatch) ->
         world.poses[0, 0] += CONTROL_DT_S * told_mps[0]
 
 
-def test_at_junctions_sight_is_not_enough(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="does not tell who comes from the sides"):
-        judge_command(JudgeOptions(str(tmp_path / "any.onnx"), "lfvi", poses="sight"))
+def test_at_junctions_sight_is_not_enough_for_a_lane_keeper() -> None:
+    keeper, navigator = (str(SHIPPED_MODELS / f"{name}.onnx") for name in ("lane_ppo", "nav_ppo"))
+    asked = JudgeOptions(keeper, "lfvi", poses="sight")
+    with pytest.raises(ConfigError, match="expected a navigator, to know its junctions by sight"):
+        judge_command(asked)
+    assert isinstance(Contest(navigator, asked, films=False).driver(), Together)
