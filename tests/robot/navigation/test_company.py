@@ -40,7 +40,8 @@ class Heard:
     """One robot that hears two others, without a localizer."""
 
     def __init__(self) -> None:
-        self.now_s, self.mail = 20.0, dict[str, Telemetry]()
+        self.now_s = 20.0
+        self.mail: Dict[str, Telemetry] = {}
         take = {name: functools.partial(self.mail.pop, name, None) for name in ("a", "other")}
         self.neighbours = Company(LaneView(LOOP), "me", take)
 
