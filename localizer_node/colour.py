@@ -58,10 +58,8 @@ def _blob(
 
 
 def _coverage(image: np.ndarray, mask: np.ndarray, filled: np.ndarray) -> np.ndarray:
-    """How much of each pixel the blob covers; float32, 0 outside the blob.
-
-    That is its chroma over the highest one near it: a shadow darkens both alike.
-    """
+    """How much of each pixel the blob covers; float32, 0 outside the blob. That is its chroma
+    over the highest one near it: a shadow darkens both alike."""
     own = cv2.bitwise_and(mask, filled)
     chroma = cv2.bitwise_and(image.max(axis=2) - image.min(axis=2), own)
     highest = cv2.dilate(chroma, np.ones((5, 5), np.uint8))

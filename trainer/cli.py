@@ -183,10 +183,8 @@ def _first_of(box: str) -> str:
 
 
 def _check(command: str, options: Mapping[str, Any]) -> None:
-    """Make sure that a command's options by name can be, and its results be written.
-
-    ConfigError for a number out of its range, an output that cannot be or is an input.
-    """
+    """Make sure that a command's options by name can be, and its results be written. ConfigError
+    for a number out of its range, an output that cannot be or is an input."""
     every = dict(_flat(options))
     for name, value in every.items():
         for number in value if isinstance(value, tuple) else (value,):

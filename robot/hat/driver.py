@@ -159,8 +159,7 @@ class MotorDriver:
 
     def _wake(self, now_s: float) -> None:
         """Find the rotors, wherever they rest. One that rests opposite to the field is pulled to
-        neither side, and would lose every step to come; so the field starts half a step beside.
-        """
+        neither side, and would lose every step to come; so the field starts half a step beside."""
         self._hat.energise(self.config.run_duty, beside_full_steps=0.5)
         self._pulled_s = now_s + PULL_S
         self._settled_s = now_s + WAKE_S

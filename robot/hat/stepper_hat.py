@@ -92,11 +92,9 @@ class StepperHat:
 
 
 def _looks(motors: Sequence[MotorConfig]) -> Sequence[Optional[int]]:
-    """The order of looks: channels to read back, and None for the chip's modes.
-
-    Every second look is at the first or the last channel. Those are PWM inputs that whole and half
-    steps do not write, so that an all-off by another program shows there until somebody looks.
-    """
+    """The order of looks: channels to read back, and None for the chip's modes. Every second
+    look is at the first or the last channel. Those are PWM inputs that whole and half steps do
+    not write, so that an all-off by another program shows there until somebody looks."""
     channels = sorted(chain.from_iterable(PORTS[motor.port] for motor in motors))
     outer, inner = (channels[0], channels[-1]), [*channels[1:-1], None]
     return [look for index, other in enumerate(inner) for look in (outer[index % 2], other)]

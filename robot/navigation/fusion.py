@@ -274,10 +274,8 @@ class PoseFusion:
         design: np.ndarray,
         noise: np.ndarray,
     ) -> np.ndarray:
-        """Correct estimates in place, so that no calibration is beyond its bound.
-
-        Gives the squared Mahalanobis distances (N,) of the innovations.
-        """
+        """Correct estimates in place, so that no calibration is beyond its bound. Gives the
+        squared Mahalanobis distances (N,) of the innovations."""
         seen = covariance @ design.transpose(0, 2, 1)
         inverse = np.linalg.inv(design @ seen + noise)
         gain = seen @ inverse

@@ -174,8 +174,7 @@ def _lanes_under(
     graph: LaneGraph, x_m: float, y_m: float, what: str, heading_rad: float = math.nan
 ) -> List[Tuple[int, float, bool]]:
     """The lanes nearest to a position, along the heading if there is one: index, parameter, and
-    whether none of the others leads more as the heading does; those first.
-    """
+    whether none of the others leads more as the heading does; those first."""
     road_map = graph.road_map
     near = road_map.lane_index.near(x_m, y_m)
     if not road_map.on_road(x_m, y_m):

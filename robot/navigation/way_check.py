@@ -138,9 +138,7 @@ class WayCheck:
 
     def _learn_errors(self, long: complex, next_rows: np.ndarray) -> None:
         """How far poses are from where steps lead: over half a second, and from one to the next.
-
-        A running median, which a robot that is carried or poses that drift hardly move.
-        """
+        A running median, which a robot that is carried or poses that drift hardly move."""
         if self.doubt.doubtful:
             return
         seen, led = _ways(next_rows[0], next_rows[1])
@@ -188,10 +186,8 @@ class WayCheck:
         return np.asarray(squared + across**2 / (noise + way_m2 * across_var))
 
     def _wheels(self, long_m2: float) -> Tuple[complex, float, float]:
-        """How these wheels drive, as far as is known; variances of that along and across the way.
-
-        ``long_m2`` is the variance of the ways that it was learned from.
-        """
+        """How these wheels drive, as far as is known; variances of that along and across the
+        way. ``long_m2`` is the variance of the ways that it was learned from."""
         if self._weight_m2 == 0.0:
             return 1.0 + 0.0j, FINE_SCALE**2, FINE_ASKEW_RAD**2
         period_s = (self._rows[-1, _TIME] - self._rows[0, _TIME]) / (len(self._rows) - 1)
@@ -202,11 +198,9 @@ class WayCheck:
         return 1.0 + known * (along * off.real + 1j * across * off.imag), along, across
 
     def _variances(self) -> np.ndarray:
-        """(2,) of the poses' errors, per coordinate: over one pose, and over half a second [m^2].
-
-        As they usually are, or worse where most of the last seconds' are worse from one to the
-        next: a drift hardly changes that, noise does.
-        """
+        """(2,) of the poses' errors, per coordinate: over one pose, and over half a second
+        [m^2]. As they usually are, or worse where most of the last seconds' are worse from one
+        to the next: a drift hardly changes that, noise does."""
         usual_m2 = np.maximum.accumulate(self._usual_m2)
         seen, led = _ways(self._rows[:-1], self._rows[1:])
         errors = seen - led

@@ -188,10 +188,8 @@ class Runtime:
         return inputs
 
     def _count_repeats(self, frame: Optional[Frame]) -> int:
-        """New frames in a row with the bytes of the one before, while the wheels turn.
-
-        A robot that stands may well see the same picture twice.
-        """
+        """New frames in a row with the bytes of the one before, while the wheels turn. A robot
+        that stands may well see the same picture twice."""
         last, self._frame = self._frame, frame
         if frame is None or last is None or self._wheels == STILL:
             self._repeats = 0

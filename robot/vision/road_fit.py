@@ -208,9 +208,7 @@ def _pixels(reading: Reading) -> np.ndarray:
 
 def _lines(cover: np.ndarray, near: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """How lines stand out in brightness and in yellow, (A, N) each, among the known and near.
-
-    ``cover`` is white, yellow and known (A, N, 3), from A poses and bends.
-    """
+    ``cover`` is white, yellow and known (A, N, 3), from A poses and bends."""
     weights = cover[..., 2] * near
     share = weights / (weights.sum(axis=1, keepdims=True) + np.float32(1e-6))
 

@@ -274,10 +274,8 @@ def _junction(
     sides: tuple[int, ...],
     corners: tuple[int, ...],
 ) -> None:
-    """Stop lines on the open sides and white corner pieces, counted counter-clockwise.
-
-    Side 0 is the north one; corner 0 is the north-east one.
-    """
+    """Stop lines on the open sides and white corner pieces, counted counter-clockwise. Side 0 is
+    the north one; corner 0 is the north-east one."""
     size = len(planes)
     across = np.minimum(
         _band(x, (WHITE_BAND[1] - 0.5, YELLOW_BAND[0] - 0.5), 1.0, size),

@@ -94,11 +94,9 @@ def floor_table(rig: CameraRig, image: ImageSpec, texel_m: float) -> FloorTable:
 def _footprints(
     directions: np.ndarray, height: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Floor point, longer axis (both (H, W, 2)) and both axes' lengths (H, W) of each pixel.
-
-    The pixel's square maps to a parallelogram J [0, 1]^2; its axes are J's singular values
-    (Heckbert 1989, Fundamentals of Texture Mapping, 3.5). In units of ``height``.
-    """
+    """Floor point, longer axis (both (H, W, 2)) and both axes' lengths (H, W) of each pixel. The
+    pixel's square maps to a parallelogram J [0, 1]^2; its axes are J's singular values (Heckbert
+    1989, Fundamentals of Texture Mapping, 3.5). In units of ``height``."""
     down = np.minimum(directions[..., 2], -NEAREST_HORIZON)[..., None]
     points = directions[..., :2] / -down * height
     edges = []

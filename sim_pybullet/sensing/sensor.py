@@ -228,11 +228,9 @@ def _expose(
     rows: np.ndarray,
     columns: np.ndarray,
 ) -> None:
-    """A frame (H, 3 W) times (1 - vignetting r^2) times gains (3,) plus noise; shade: both shares.
-
-    The noise of each row begins at ``starts`` (H,) in the ``table``; r^2 is the sum of ``rows``
-    (H,) and ``columns`` (3 W,).
-    """
+    """A frame (H, 3 W) times (1 - vignetting r^2) times gains (3,) plus noise; shade: both
+    shares. The noise of each row begins at ``starts`` (H,) in the ``table``; r^2 is the sum of
+    ``rows`` (H,) and ``columns`` (3 W,)."""
     vignetting, noise, width = np.float32(shade[0]), np.float32(shade[1]), frame.shape[1]
     each = np.empty(width, np.float32)
     for k in range(width):

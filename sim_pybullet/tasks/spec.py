@@ -179,9 +179,8 @@ class Task(ABC):
     @abstractmethod
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:
         """The path of a robot's next episode on a map, and how far along it [m] it begins.
-
-        ``turn``: what episodes on this map take in turn, their number there; None where they draw.
-        """
+        ``turn``: what episodes on this map take in turn, their number there; None where they
+        draw."""
 
     def _judged(
         self, terms: np.ndarray, facts: np.ndarray, ends: tuple[np.ndarray, np.ndarray, np.ndarray]

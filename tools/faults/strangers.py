@@ -17,8 +17,7 @@ from tools.faults.stage import Stage
 
 def _keys(stage: Stage, whose: str) -> Keys | None:
     """Of a second program with the monitor's keys, of one who stole another machine's and knows
-    where the robot's ear is, of a stranger, whom nobody has allowed, and who knows the robot's.
-    """
+    where the robot's ear is, of a stranger, whom nobody has allowed, and who knows the robot's."""
     monitors = load_keys(stage.bench.keys["monitor"])
     if whose == "stranger":
         folder = stage.bench.folder / f"stranger-{secrets.token_hex(4)}"
