@@ -181,6 +181,18 @@ def test_who_arrived_keeps_what_it_learned_of_its_wheels_and_who_was_stopped_doe
     assert world.navigator._fusion._state[0, 3] == 0.0
 
 
+def test_who_is_put_somewhere_learns_its_wheels_anew() -> None:
+    world = seeing()
+    for put, kept in ((False, 0.03), (True, 0.0)):
+        world.navigator.end("stopped")
+        world.navigator._finding.learned = True  # type: ignore[union-attr]
+        world.navigator._fusion._state[0, 3] = 0.03
+        if put:
+            world.navigator.put(world.pose)
+        world.navigator.begin("mission-2", GOAL)
+        assert world.navigator._fusion._state[0, 3] == kept
+
+
 @pytest.mark.slow
 def test_a_person_tells_where_it_stands_and_it_drives_from_there() -> None:
     world = driving()

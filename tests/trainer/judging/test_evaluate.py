@@ -212,6 +212,16 @@ def test_which_lane_is_a_matter_of_rings(navigator: Path, capsys: Any) -> None:
     assert "lane: expected none for the task navigation" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("lane", "lanes"), [(None, ("outer",) * 2), ("inner", ("inner",) * 2)])
+def test_a_drive_tells_its_lane_and_keeps_no_frames(
+    model: Path, lane: str | None, lanes: tuple[str, ...]
+) -> None:
+    rings = [load_map("loop")]
+    rides = list(ridden(OnnxPolicy(model), "lane", rings, [NOMINAL], range(2), lane=lane))
+    assert tuple(drive.lane for drive, _ in rides) == lanes
+    assert not any(ride.frames for _, ride in rides)
+
+
 def test_an_untrained_policy_fails_and_its_figures_add_up(model: Path) -> None:
     policy, drives = OnnxPolicy(model), drive(model, range(40, 60))
     inputs = EvaluateOptions(str(model), "lane", ("loop",), episodes=20, seed=40)

@@ -183,8 +183,11 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_folder_or_a_picture_is_explained(model: Path, folder: Path, tmp_path: Path) -> None:
+def test_a_folder_or_a_picture_is_explained(
+    model: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert write_explained(model, folder, tmp_path / "all") == 2
+    assert capsys.readouterr().out == "", "the bar stands beside what is told"
     assert {path.name for path in (tmp_path / "all").iterdir()} == {
         "0_explained.png",
         "1_explained.png",
