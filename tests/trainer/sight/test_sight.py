@@ -167,9 +167,10 @@ def test_the_file_holds_its_contract_and_answers_in_columns(untaught: Path) -> N
 
 def test_who_learns_on_begins_with_what_the_file_sees(driven: Pictures) -> None:
     network, there = learned(SHIPPED), OnnxSight(SHIPPED)(driven.images[:8])
+    network.eval()  # in training it sees in bfloat16, where the processor has it
     found = as_seen(network.see(driven.images[:8]))
-    np.testing.assert_allclose(found.figures, there.figures, atol=2e-3)
-    np.testing.assert_allclose(found.road, there.road, atol=2e-3)
+    np.testing.assert_allclose(found.figures, there.figures, atol=1e-3)
+    np.testing.assert_allclose(found.road, there.road, atol=1e-3)
     assert all(part.requires_grad for part in network.parameters())
 
 
