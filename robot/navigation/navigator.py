@@ -116,7 +116,7 @@ class MissionNavigator:
         if tile is None or not tile.is_road:
             raise PlanError("expected a place on the road, that is beside it")
         self._fusion.put(np.arange(1), np.array([pose]), WORD)
-        self._finding.strange = 0.0
+        self._finding.learned, self._finding.strange = False, 0.0
         self._way.reset()
         self._jumps = 0
 

@@ -186,9 +186,9 @@ def test_who_is_put_somewhere_learns_its_wheels_anew() -> None:
     for put, kept in ((False, 0.03), (True, 0.0)):
         world.navigator.end("stopped")
         world.navigator._finding.learned = True  # type: ignore[union-attr]
-        world.navigator._fusion._state[0, 3] = 0.03
         if put:
             world.navigator.put(world.pose)
+        world.navigator._fusion._state[0, 3] = 0.03  # as by hand, since then
         world.navigator.begin("mission-2", GOAL)
         assert world.navigator._fusion._state[0, 3] == kept
 
