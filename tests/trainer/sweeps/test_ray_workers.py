@@ -17,8 +17,9 @@ from rich.console import Console
 from robot.errors import ConfigError
 from tests import thorough
 from tests.trainer.chores import Chore, ToyTraining
-from tests.trainer.toy import make_toy, toy_config
+from tests.trainer.toy import BrightColumn, ToyVecEnv, toy_config
 from trainer import processes
+from trainer.config import RunConfig
 from trainer.processes import RayProcesses
 from trainer.run import RunFolder
 from trainer.sweeps.sweep import RETRIES, last_words, perform
@@ -111,28 +112,46 @@ def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
     nodes = [cluster.add_node(num_cpus=1) for _ in range(2)]
     config = replace(toy_config("ppo", 6_000), workers=2)
     config = replace(config, evaluation=replace(config.evaluation, stop_after_perfect=0))
-    run, lost = RunFolder(tmp_path / "toy"), threading.Event()
+    run = RunFolder(tmp_path / "toy")
+    arrived, ours = tmp_path / "arrived", [node.node_id for node in nodes]
+    arrived.mkdir()
+
+    class Hesitant(ToyVecEnv):
+        """Only a second follower drives on past its hundredth step."""
+
+        count = 0
+
+        def step_wait(self) -> Any:
+            self.count += 1
+            while self.count > 100 and len(list(arrived.iterdir())) < 2:
+                (tmp_path / "under way").touch()
+                time.sleep(0.01)
+            return super().step_wait()
+
+    def make(config: RunConfig, robots: int, seed: int) -> ToyVecEnv:
+        where = ray.get_runtime_context().get_node_id()
+        if where in ours:
+            (arrived / where).touch()
+        env = (Hesitant if where in ours else ToyVecEnv)([BrightColumn] * robots)
+        env.seed(seed)
+        return env
 
     def lose_the_node() -> None:
-        wait_for(run.checkpoint)
-        busy: list[Any] = []
-        while not busy:  # a cluster hears of what is taken a little later
-            free = ray._private.state.available_resources_per_node()
-            busy = [node for node in nodes if not free[node.node_id].get("CPU")]
-        lost.set()
-        cluster.remove_node(busy[0], allow_graceful=False)
+        wait_for(tmp_path / "under way")
+        (busy,) = [node for node in nodes if (arrived / node.node_id).exists()]
+        cluster.remove_node(busy, allow_graceful=False)
 
     losing = threading.Thread(target=lose_the_node)
     try:
         launcher = RayProcesses(cluster.address)
         assert launcher.cores == 3
         losing.start()
-        metrics = train(config, run, make_toy, Console(quiet=True), launcher=launcher)
+        metrics = train(config, run, make, Console(quiet=True), launcher=launcher)
         losing.join()
     finally:
         ray.shutdown()
         cluster.shutdown()
-    assert lost.is_set()
+    assert {each.name for each in arrived.iterdir()} == set(ours)
     assert metrics.stopped_by == "steps"
     steps = [episode.step for episode in run.episodes()]
     assert steps == sorted(steps)
