@@ -24,6 +24,7 @@ from robot.vision.sight import Seen
 _APART_M = 0.2  # between hypotheses on a lane, at first
 _FIRST = (0.08, 0.05, 0.2)  # their deviations: along the lane, beside it [m], of the heading
 _AT_ONCE = 24  # that look at one picture; the others look at the next
+_BEST = 8  # that look at every picture: the robot drives on by one of them
 _SHARE = 0.2  # of what a picture tells: successive ones err alike
 _LEAST = 0.03  # of any probability: sight errs
 _NO_ROAD = 4.0  # against a hypothesis beside the road, of a picture that shows one
@@ -41,6 +42,7 @@ _JUNCTIONS = 3  # that it crosses by itself, at most,
 _FARTHEST_M = 15.0  # in so much driving
 _NOW = 4.0  # what the newest picture counts, when one is chosen to drive on by
 _BETTER = 4.0  # than the one of before
+_LIKE_M, _LIKE_RAD = 0.05, 0.35  # its lane lies as the one that is seen
 _SEEN_S = 1.0  # a lane counts as seen for so long: over the middle of a junction
 _SHOWN_M, _LEFT_M = 1.2, 0.6  # of the way when it is laid, and before it is laid anew
 _LOOKING = FusionConfig(sight=True, seen_line=1e-3)  # red lines tell the place, not the camera
@@ -147,39 +149,52 @@ class Whereabouts:
         stands = self._driven_m - self._looked_m < _STEP_M
         turn = self._alive & ((np.cumsum(self._alive) - 1) // _AT_ONCE == self._turn) & (not stands)
         group = turn.copy()
+        group[self._best()[:_BEST]] = True
         if self._leader is not None:
             group[self._leader] = True
-        asked = np.flatnonzero(group)
         poses, within_m = self._fusion.poses, self._fusion.certainty[:, 0]
-        for i in asked.tolist():
+        for i in np.flatnonzero(group).tolist():
             road = self._view.at(*poses[i].tolist())
             self._told[i] = _likely(seen, road, 0.5 * float(within_m[i]))
         self._weights[turn] += _SHARE * self._told[turn]
-        if not stands:
-            self._lead()
-            if self._leader is not None:
-                group[self._leader] = True
         each = Seen(*(np.repeat(part, len(group), axis=0) for part in seen))
         self._fix.see(each, group, now_s)
         if stands:
             return ()
+        self._lead(seen, now_s)
         self._turn += 1
         if self._turn * _AT_ONCE < self._alive.sum():
             return ()  # not all have looked yet
         self._turn, self._looked_m = 0, self._driven_m
         return self._left()
 
-    def _lead(self) -> None:
-        """By the one that explains best what is seen now; across a junction as it was begun."""
+    def _best(self) -> List[int]:
+        """Those that explain best what is seen now, the best first."""
         fit = np.where(self._alive, self._weights + _NOW * self._told, -math.inf)
-        if self._leader is not None:
-            road = self._view.at(*self._fusion.poses[self._leader].tolist())
-            if (road is not None and road.in_junction) or fit[self._leader] > fit.max() - _BETTER:
+        return [int(i) for i in np.argsort(-fit)[: int(np.isfinite(fit).sum())]]
+
+    def _lead(self, seen: Seen, now_s: float) -> None:
+        """By the best whose lane lies as the one that is seen; across a junction as it was begun."""
+        fit = self._weights + _NOW * self._told
+        before, took = self._leader, self._fix.took_s == now_s
+        if before is not None:
+            road = self._view.at(*self._fusion.poses[before].tolist())
+            if road is not None and road.in_junction:
                 return
-        for i in np.argsort(-fit)[: int(np.isfinite(fit).sum())].tolist():
-            if self._way.lay(Pose(*self._fusion.poses[i].tolist())):
-                self._leader = i
+        for i in self._best():
+            if took[i] and self._like(seen, i):
+                keeps = before is not None and took[before] and fit[before] > fit[i] - _BETTER
+                if not keeps and self._way.lay(Pose(*self._fusion.poses[i].tolist())):
+                    self._leader = i
                 return
+
+    def _like(self, seen: Seen, i: int) -> bool:
+        """Whether the picture shows the robot in a lane as this hypothesis is in its own."""
+        road = self._view.at(*self._fusion.poses[i].tolist())
+        if road is None or road.in_junction:
+            return False
+        beside_m, turned_rad = np.abs(seen.figures[0, :2] - (road.offset_m, road.heading_rad))
+        return bool(beside_m < _LIKE_M and turned_rad < _LIKE_RAD)
 
     def _left(self) -> Tuple[Place, ...]:
         """The place, if only one is left; gives up what fits far worse, or is there twice."""
