@@ -18,14 +18,14 @@ from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneAhead, LaneView
 from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import LaneGraph, path_on
-from robot.navigation.sight_fix import SightFix
+from robot.navigation.sight_fix import ASKEW_RAD, SightFix
 from robot.vision.sight import Seen
 
 _APART_M = 0.2  # between hypotheses on a lane, at first
 _FIRST = (0.08, 0.05, 0.2)  # their deviations: along the lane, beside it [m], of the heading
 _AT_ONCE = 24  # that look at one picture; the others look at the next
 _BEST = 8  # that look at every picture: the robot drives on by one of them
-_SHARE = 0.2  # of what a picture tells: successive ones err alike
+_ALIKE_M = 0.3  # of driving, over which pictures err alike
 _LEAST = 0.03  # of any probability: sight errs
 _NO_ROAD = 4.0  # against a hypothesis beside the road, of a picture that shows one
 _WORST = 4.5  # of a figure's half squared error
@@ -39,7 +39,8 @@ _SURE = 0.995  # share of the weight that is the place
 _DRIVEN_M = 0.5  # before which nobody is asked
 _WITHIN_M = 0.12  # how well the place is known
 _JUNCTIONS = 3  # that it crosses by itself, at most,
-_FARTHEST_M = 15.0  # in so much driving
+_BEFORE_M = 0.3  # then it stands before the next one's line,
+_FARTHEST_M = 15.0  # and after so much driving
 _NOW = 4.0  # what the newest picture counts, when one is chosen to drive on by
 _BETTER = 4.0  # than the one of before
 _LIKE_M, _LIKE_RAD = 0.05, 0.35  # its lane lies as the one that is seen
@@ -109,7 +110,8 @@ class Whereabouts:
         self._weights = np.zeros(len(poses))  # logarithms, the greatest 0
         self._alive = np.ones(len(poses), dtype=bool)
         self._turn = self.junctions = 0
-        self._driven_m, self._looked_m, self._crossing = 0.0, -math.inf, False
+        self._driven_m, self._crossing, self._vain = 0.0, False, False
+        self._looked_m = np.full(len(poses), -math.inf)  # the way that each had driven then
         self.places = len(poses)
         self._told = np.full(len(poses), -math.inf)  # of the newest picture that each looked at
         self._leader: Optional[int] = None  # as if it were there, it drives on
@@ -134,7 +136,7 @@ class Whereabouts:
 
     @property
     def _given_up(self) -> bool:
-        return self.junctions >= _JUNCTIONS or self._driven_m > _FARTHEST_M
+        return self._vain or self._driven_m > _FARTHEST_M
 
     def on(self, now_s: float) -> Optional[On]:
         """The way on; None before a picture showed a road, or once it gives up."""
@@ -146,7 +148,7 @@ class Whereabouts:
         """Take what a new picture shows (N = 1); the place, once one is left."""
         if not seen.in_lane[0]:
             return ()
-        stands = self._driven_m - self._looked_m < _STEP_M
+        stands = self._driven_m - float(self._looked_m[self._alive].min()) < _STEP_M
         turn = self._alive & ((np.cumsum(self._alive) - 1) // _AT_ONCE == self._turn) & (not stands)
         group = turn.copy()
         group[self._best()[:_BEST]] = True
@@ -156,7 +158,9 @@ class Whereabouts:
         for i in np.flatnonzero(group).tolist():
             road = self._view.at(*poses[i].tolist())
             self._told[i] = _likely(seen, road, 0.5 * float(within_m[i]))
-        self._weights[turn] += _SHARE * self._told[turn]
+        share = np.minimum(1.0, (self._driven_m - self._looked_m[turn]) / _ALIKE_M)
+        self._weights[turn] += share * self._told[turn]
+        self._looked_m[turn] = self._driven_m
         each = Seen(*(np.repeat(part, len(group), axis=0) for part in seen))
         self._fix.see(each, group, now_s)
         if stands:
@@ -165,7 +169,7 @@ class Whereabouts:
         self._turn += 1
         if self._turn * _AT_ONCE < self._alive.sum():
             return ()  # not all have looked yet
-        self._turn, self._looked_m = 0, self._driven_m
+        self._turn = 0
         return self._left()
 
     def _best(self) -> List[int]:
@@ -179,7 +183,9 @@ class Whereabouts:
         before, took = self._leader, self._fix.took_s == now_s
         if before is not None:
             road = self._view.at(*self._fusion.poses[before].tolist())
-            if road is not None and road.in_junction:
+            askew = road is not None and abs(road.heading_rad) > ASKEW_RAD
+            follows = askew or now_s - self._fix.took_s[before] < _SEEN_S / 2.0
+            if road is not None and road.in_junction and follows:
                 return
         for i in self._best():
             if took[i] and self._like(seen, i):
@@ -221,6 +227,7 @@ class Whereabouts:
         crossing = road is not None and road.in_junction
         self.junctions += self._crossing and not crossing
         self._crossing = crossing
+        self._vain = self.junctions >= _JUNCTIONS and road is not None and road.line_m < _BEFORE_M
         within_m, turned_rad = self._fusion.certainty[best].tolist()
         if shares[0] < _SURE * shares.sum() or within_m > _WITHIN_M or self._driven_m < _DRIVEN_M:
             return ()
