@@ -20,7 +20,8 @@ from robot.navigation.road_map import RoadMap, border_point
 
 _OVERLAP_M = 0.01  # lanes this much farther than the nearest one count as near too
 _TURNED_RAD = math.radians(6.0)  # likewise along the heading of a robot that stands there
-_RIGHT_RAD = -0.1  # right rather than left, where neither is straighter
+STRAIGHT_RAD = -0.1  # right rather than left, where neither is straighter
+RIGHT_RAD = -0.5 * math.pi
 _SHORTEST = 1e-3  # of a lane: a route to where the robot already stands
 
 
@@ -151,8 +152,11 @@ def plan_path(road: Union[RoadMap, LaneGraph], start: Pose, goal_m: Tuple[float,
     return Path.from_beziers(plan_route(graph, start, goal_m).curves_m)
 
 
-def path_on(graph: LaneGraph, start: Pose, least_m: float) -> Path:
-    """On from the lane under a pose, for so long if the road goes on, as straight as it can.
+def path_on(
+    graph: LaneGraph, start: Pose, least_m: float, toward_rad: float = STRAIGHT_RAD
+) -> Path:
+    """On from the lane under a pose, for so long if the road goes on; at junctions by the way
+    whose turn is the nearest to ``toward_rad``.
 
     PlanError off the road or on a closed lane.
     """
@@ -164,7 +168,7 @@ def path_on(graph: LaneGraph, start: Pose, least_m: float) -> Path:
         ways = [way for _, way in graph.edges[graph.lane_nodes[lane][1]]]
         ends = [graph.node_poses[graph.lane_nodes[way][1], 2] for way in ways]
         turned = np.asarray(wrap_angle(np.array(ends) - heading))
-        lane = ways[int(np.argmin(np.abs(turned - _RIGHT_RAD)))]
+        lane = ways[int(np.argmin(np.abs(turned - toward_rad)))]
         curves.append(graph.lanes[lane].control_points_m)
         path = Path.from_beziers(curves)
     return path

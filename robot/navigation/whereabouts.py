@@ -15,9 +15,9 @@ import numpy as np
 from robot.errors import PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
 from robot.navigation.fusion import FusionConfig, PoseFusion
-from robot.navigation.lane_view import LaneAhead, LaneView
+from robot.navigation.lane_view import KINDS, LaneAhead, LaneView
 from robot.navigation.path import Path, PathPosition
-from robot.navigation.planner import LaneGraph, path_on
+from robot.navigation.planner import RIGHT_RAD, STRAIGHT_RAD, LaneGraph, path_on
 from robot.navigation.sight_fix import ASKEW_RAD, SightFix
 from robot.vision.sight import Seen
 
@@ -45,6 +45,8 @@ _NOW = 4.0  # what the newest picture counts, when one is chosen to drive on by
 _BETTER = 4.0  # than the one of before
 _LIKE_M, _LIKE_RAD = 0.05, 0.35  # its lane lies as the one that is seen
 _SEEN_S = 1.0  # a lane counts as seen for so long: over the middle of a junction
+_KIND_M, _KIND_SHARE = 0.45, 0.3  # before a junction, of what its kind is taken for: a picture's
+_NO_TEE = 0.1  # probability with which a junction may be a T, and is taken straight on
 _SHOWN_M, _LEFT_M = 1.2, 0.6  # of the way when it is laid, and before it is laid anew
 _LOOKING = FusionConfig(sight=True, seen_line=1e-3)  # red lines tell the place, not the camera
 
@@ -65,13 +67,14 @@ class WayOn:
     """The way on of one robot on the map of a graph, laid anew before it ends."""
 
     def __init__(self, graph: LaneGraph) -> None:
+        self.toward_rad = STRAIGHT_RAD  # at junctions
         self._graph = graph
         self._path: Optional[Path] = None
 
     def lay(self, pose: Pose) -> Optional[Path]:
         """Anew, from a pose on; None off the road."""
         try:
-            self._path = path_on(self._graph, pose, _SHOWN_M)
+            self._path = path_on(self._graph, pose, _SHOWN_M, self.toward_rad)
         except PlanError:
             self._path = None
         return self._path
@@ -115,7 +118,7 @@ class Whereabouts:
         self.places = len(poses)
         self._told = np.full(len(poses), -math.inf)  # of the newest picture that each looked at
         self._leader: Optional[int] = None  # as if it were there, it drives on
-        self._way = WayOn(graph)
+        self._way, self._kinds = WayOn(graph), np.zeros(len(KINDS))
 
     def move(self, forward_m: float, turn_rad: float, now_s: float) -> None:
         """The wheels' steps that end now; for every tick."""
@@ -166,6 +169,7 @@ class Whereabouts:
         if stands:
             return ()
         self._lead(seen, now_s)
+        self._choose(seen)
         self._turn += 1
         if self._turn * _AT_ONCE < self._alive.sum():
             return ()  # not all have looked yet
@@ -193,6 +197,22 @@ class Whereabouts:
                 if not keeps and self._way.lay(Pose(*self._fusion.poses[i].tolist())):
                     self._leader = i
                 return
+
+    def _choose(self, seen: Seen) -> None:
+        """To the right where the junction ahead is rather a T than one without a way there."""
+        if self._leader is None:
+            return
+        pose = Pose(*self._fusion.poses[self._leader].tolist())
+        road = self._view.at(*pose)
+        if road is None or road.in_junction:
+            return
+        self._kinds += _KIND_SHARE * (seen.junction[0] - self._kinds)
+        self._kinds *= road.line_m < _KIND_M
+        tee, left = self._kinds[KINDS.index("tee")], self._kinds[KINDS.index("left")]
+        toward_rad = RIGHT_RAD if tee > max(left, _NO_TEE) else STRAIGHT_RAD
+        if toward_rad != self._way.toward_rad:
+            self._way.toward_rad = toward_rad
+            self._way.lay(pose)
 
     def _like(self, seen: Seen, i: int) -> bool:
         """Whether the picture shows the robot in a lane as this hypothesis is in its own."""
