@@ -25,7 +25,8 @@ _APART_M = 0.2  # between hypotheses on a lane, at first
 _FIRST = (0.08, 0.05, 0.2)  # their deviations: along the lane, beside it [m], of the heading
 _AT_ONCE = 24  # that look at one picture; the others look at the next
 _BEST = 8  # that look at every picture: the robot drives on by one of them
-_ALIKE_M = 0.3  # of driving, over which pictures err alike
+_SHARE = 0.2  # of what a picture tells, at most: rivals look at different ones,
+_ALIKE_M = 0.3  # and pictures err alike over so much driving
 _LEAST = 0.03  # of any probability: sight errs
 _NO_ROAD = 4.0  # against a hypothesis beside the road, of a picture that shows one
 _WORST = 4.5  # of a figure's half squared error
@@ -161,7 +162,7 @@ class Whereabouts:
         for i in np.flatnonzero(group).tolist():
             road = self._view.at(*poses[i].tolist())
             self._told[i] = _likely(seen, road, 0.5 * float(within_m[i]))
-        share = np.minimum(1.0, (self._driven_m - self._looked_m[turn]) / _ALIKE_M)
+        share = np.minimum(_SHARE, (self._driven_m - self._looked_m[turn]) / _ALIKE_M)
         self._weights[turn] += share * self._told[turn]
         self._looked_m[turn] = self._driven_m
         each = Seen(*(np.repeat(part, len(group), axis=0) for part in seen))

@@ -199,6 +199,7 @@ def way_fits(rng: np.random.Generator) -> List[bool]:
     """Of the pictures outside junctions, but the first twenty: whether the way on lies so."""
     view, path = LaneView(TOWN), route(TOWN, rng)
     search, good = Whereabouts(LaneGraph(TOWN), view), []
+    search.move(0.0, 0.0, 0.0)
     assert search.on(0.0) is None, "nothing was seen"
     for k, step in enumerate(steps_along(path)):
         now_s, truth = 0.1 * (k + 1), step.pose
@@ -221,6 +222,7 @@ def way_fits(rng: np.random.Generator) -> List[bool]:
 def test_who_crossed_three_junctions_in_vain_gives_up_and_says_so() -> None:
     rng, view = np.random.default_rng(3), LaneView(TOWN)
     search = Whereabouts(LaneGraph(TOWN), view)
+    search.move(0.0, 0.0, -0.1)
     search.move(0.0, 0.0, 0.0)
     search.see(look(view, Pose(*route(TOWN, rng).pose_at(0.1)), rng), 0.0)
     assert search.on(0.0) is not None
