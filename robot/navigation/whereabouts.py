@@ -264,12 +264,12 @@ def _likely(seen: Seen, road: Optional[LaneAhead], along_sd_m: float) -> float:
     figures, deviations = seen.figures[0], seen.deviations[0]
     line, line_m = max(_LEAST, min(1.0 - _LEAST, float(seen.line[0]))), road.line_m
     (near, far), (nearest, farthest) = _LINE_SEEN_M, _LINE_NEAR_M
-    if near <= line_m <= far:
-        told += math.log(line)
+    if line_m > farthest + along_sd_m:
+        told += math.log(1.0 - line)
+    else:
+        told += math.log(line) if near <= line_m <= far else 0.0
         variance = along_sd_m**2 + 4.0 * float(deviations[3]) ** 2
         told -= line * min(_WORST, 0.5 * float(figures[3] - line_m) ** 2 / variance)
-    elif line_m > farthest + along_sd_m:
-        told += math.log(1.0 - line)
     kinds = np.clip(seen.junction[0], _LEAST, 1.0)
     if nearest <= line_m <= farthest:
         told += math.log(kinds[road.kind])

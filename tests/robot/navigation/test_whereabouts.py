@@ -219,18 +219,51 @@ def way_fits(rng: np.random.Generator) -> List[bool]:
     return good[20:]
 
 
-def test_who_crossed_three_junctions_in_vain_gives_up_and_says_so() -> None:
-    rng, view = np.random.default_rng(3), LaneView(TOWN)
-    search = Whereabouts(LaneGraph(TOWN), view)
-    search.move(0.0, 0.0, -0.1)
+@pytest.mark.slow
+def test_who_crossed_three_junctions_in_vain_gives_up_before_the_fourth_and_says_so() -> None:
+    rng, streets = np.random.default_rng(3), load_map("terraces")  # the same turned half round
+    graph, view = LaneGraph(streets), LaneView(streets)
+    control = graph.lanes[0].control_points_m
+    began = Pose(*control[0], math.atan2(*(control[1] - control[0])[::-1]))
+    search, crossed, inside = Whereabouts(graph, view), 0, False
     search.move(0.0, 0.0, 0.0)
-    search.see(look(view, Pose(*route(TOWN, rng).pose_at(0.1)), rng), 0.0)
-    assert search.on(0.0) is not None
-    assert "let it drive on" in search.sentence
-    search.junctions = 3
-    assert search.on(0.0) is None
+    for k, (truth, forward_m, turn_rad) in enumerate(steps_along(path_on(graph, began, 14.0))):
+        now_s = 0.1 * (k + 1)
+        search.move(forward_m, turn_rad, now_s)
+        assert search.see(look(view, truth, rng), now_s) == ()
+        road = view.at(*truth)
+        assert road is not None
+        crossed += inside and not road.in_junction
+        inside = road.in_junction
+        if search.on(now_s) is None:
+            break
+        assert "let it drive on" in search.sentence
+    assert crossed == search.junctions == 3
+    assert 0.1 < road.line_m < 0.4, "its nose is before the line"
     assert "let it drive on" not in search.sentence
     assert "drive it by hand" in search.sentence
+
+
+@pytest.mark.parametrize(("tee", "turned_deg"), [(0.0, 0.0), (0.4, -90.0)])
+def test_before_what_may_be_a_t_it_turns_right(tee: float, turned_deg: float) -> None:
+    rng, view = np.random.default_rng(1), LaneView(TOWN)
+    search = Whereabouts(LaneGraph(TOWN), view)
+    search.move(0.0, 0.0, 0.0)
+    for k in range(45):  # to the crossing from the south
+        now_s, truth = 0.1 * (k + 1), Pose(3.7 * 0.585, 1.95 + 0.02 * k, 0.5 * math.pi)
+        road = view.at(*truth)
+        assert road is not None
+        search.move(0.02, 0.0, now_s)
+        seen = look(view, truth, rng)
+        if road.line_m < 0.6:
+            seen.junction[0] = (0.0, 0.9 - tee, 0.0, 0.1, tee)
+        search.see(seen, now_s)
+        if road.line_m < 0.15:
+            break
+    way = search.on(now_s)
+    assert way is not None
+    turned = wrap_angle(way.path.headings_rad[-1] - way.pose.heading_rad)
+    assert math.degrees(float(turned)) == pytest.approx(turned_deg, abs=25.0)
 
 
 def test_a_navigator_drives_on_while_it_looks_and_only_then() -> None:
