@@ -183,7 +183,7 @@ class Whereabouts:
         return [int(i) for i in np.argsort(-fit)[: int(np.isfinite(fit).sum())]]
 
     def _lead(self, seen: Seen, now_s: float) -> None:
-        """By the best whose lane lies as the one that is seen; across a junction as it was begun."""
+        """By the best whose lane lies as the one that is seen; over junctions as it was begun."""
         fit = self._weights + _NOW * self._told
         before, took = self._leader, self._fix.took_s == now_s
         if before is not None:

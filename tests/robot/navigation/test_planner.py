@@ -6,7 +6,7 @@ import heapq
 import itertools
 import math
 from pathlib import Path as FilePath
-from typing import Iterator
+from typing import Iterator, Tuple
 
 import numpy as np
 import pytest
@@ -220,20 +220,27 @@ def test_the_way_on_is_long_enough_and_turns_left_only_where_it_must(name: str) 
         assert all(graph.road_map.on_road(x, y) for x, y in way.points_m.tolist())
 
 
-def test_the_way_on_over_a_junction_is_straight_or_else_to_the_right() -> None:
+@pytest.mark.parametrize(("toward_rad", "wanted"), [(-0.1, (0, -1)), (-0.5 * math.pi, (-1, 0))])
+def test_the_way_on_over_a_junction_is_as_wanted_or_else_the_other(
+    toward_rad: float, wanted: Tuple[int, int]
+) -> None:
+    """Straight on (0) or to the right (-1), where both are there."""
     arena = load_map("arena")
     graph = LaneGraph(arena)
-    turned = set()
+    seen = set()
     for number, lane in enumerate(graph.lanes):
         ways = [way for _, way in graph.edges[graph.lane_nodes[number][1]]]
         if len(ways) < 2:
             continue
         (along,) = bezier_tangents(lane.control_points_m, np.array([1.0]))
         end = Pose(*lane.control_points_m[3], math.atan2(along[1], along[0])).moved(-0.02, 0.0)
-        way = path_on(graph, end, arena.tile_size_m)
-        turn_deg = math.degrees(float(wrap_angle(way.headings_rad[-1] - end.heading_rad)))
-        turned.add(round(turn_deg / 90.0))
-    assert turned == {0, -1}
+        way = path_on(graph, end, arena.tile_size_m, toward_rad)
+        leave = [way.headings_rad[-1], *(graph.node_poses[graph.lane_nodes[e][1], 2] for e in ways)]
+        turns = np.round(np.asarray(wrap_angle(np.array(leave) - end.heading_rad)) * 2.0 / math.pi)
+        open_ways = set(turns[1:].tolist())
+        assert turns[0] == next(turn for turn in wanted if turn in open_ways)
+        seen.add(turns[0])
+    assert seen == {0, -1}
 
 
 def test_off_the_road_there_is_no_way_on() -> None:
