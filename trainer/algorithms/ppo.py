@@ -28,17 +28,12 @@ class DrivingPPO(FallingEntropy, PPO):
 def build(making: Making) -> DrivingPPO:
     """A model ready to learn."""
     learn = cast(PpoConfig, making.config.learn)
-    return on_policy(
-        DrivingPPO,
-        making,
-        n_steps=learn.rollout,
-        batch_size=learn.minibatch,
-        n_epochs=learn.epochs,
-        gae_lambda=learn.gae_lambda,
-        clip_range=learn.clip,
-    )
+    rollout = {"n_steps": learn.rollout, "batch_size": learn.minibatch, "n_epochs": learn.epochs}
+    means = {"gae_lambda": learn.gae_lambda, "clip_range": learn.clip}
+    return on_policy(DrivingPPO, making, **rollout, **means)
 
 
+_TRACK = {"rollout": 32, "epochs": 4, "learning_rate": 2e-3, "gae_lambda": 0.95, "entropy": 0.05}
 ALGORITHM = Algorithm(
     title="PPO",
     learn=PpoConfig(),
@@ -46,16 +41,7 @@ ALGORITHM = Algorithm(
     build=build,
     presets={
         "navigation": {"steps": 60_000, "true_path": 1.0},
-        "track": {
-            "steps": 160_000,
-            "learn": {
-                "rollout": 32,
-                "epochs": 4,
-                "learning_rate": 2e-3,
-                "gae_lambda": 0.95,
-                "entropy": 0.05,
-            },
-        },
+        "track": {"steps": 160_000, "learn": _TRACK},
         "cruise": {
             **CRUISE,
             "learn": {**CRUISE["learn"], "learning_rate": 1e-3, "rollout": 64},
