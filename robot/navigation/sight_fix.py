@@ -22,7 +22,7 @@ _WIDER = (1.0 + KEPT) / (1.0 - KEPT)
 _LEAST = np.array((0.005, 0.03, 0.3, 0.01))  # standard deviations of maps, paint and wheels
 LINE = 0.5
 _LINE_M = (0.1, 0.6)  # from the axle, where red lines are told apart
-ASKEW_RAD = 0.6  # in a junction, beyond which the lane meant may be another one's
+_ASKEW_RAD = 0.6  # in a junction, beyond which the lane meant may be another one's
 _NOTHING = 1e6  # standard deviation of what was not seen
 
 
@@ -90,7 +90,7 @@ class SightFix:
         """The roads before those who are asked, where the map has one."""
         for i in np.flatnonzero(asked & np.isfinite(poses[:, 0])).tolist():
             road = self.views[i].at(*poses[i].tolist())
-            if road is not None and not (road.in_junction and abs(road.heading_rad) > ASKEW_RAD):
+            if road is not None and not (road.in_junction and abs(road.heading_rad) > _ASKEW_RAD):
                 yield i, road
 
 

@@ -18,7 +18,7 @@ from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import KINDS, LaneAhead, LaneView
 from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import RIGHT_RAD, STRAIGHT_RAD, LaneGraph, path_on
-from robot.navigation.sight_fix import ASKEW_RAD, SightFix
+from robot.navigation.sight_fix import SightFix
 from robot.vision.sight import Seen
 
 _APART_M = 0.2  # between hypotheses on a lane, at first
@@ -45,8 +45,9 @@ _FARTHEST_M = 15.0  # and after so much driving
 _NOW = 4.0  # what the newest picture counts, when one is chosen to drive on by
 _BETTER = 4.0  # than the one of before
 _LIKE_M, _LIKE_RAD = 0.05, 0.35  # its lane lies as the one that is seen
+_LOST_S = 0.5  # without a picture that fits: it does not cross the junction that it was in
 _SEEN_S = 1.0  # a lane counts as seen for so long: over the middle of a junction
-_KIND_M, _KIND_SHARE = 0.45, 0.3  # before a junction, of what its kind is taken for: a picture's
+_KIND_SHARE = 0.3  # of a picture, in what the junction ahead is taken for
 _NO_TEE = 0.1  # probability with which a junction may be a T, and is taken straight on
 _SHOWN_M, _LEFT_M = 1.2, 0.6  # of the way when it is laid, and before it is laid anew
 _LOOKING = FusionConfig(sight=True, seen_line=1e-3)  # red lines tell the place, not the camera
@@ -188,9 +189,7 @@ class Whereabouts:
         before, took = self._leader, self._fix.took_s == now_s
         if before is not None:
             road = self._view.at(*self._fusion.poses[before].tolist())
-            askew = road is not None and abs(road.heading_rad) > ASKEW_RAD
-            follows = askew or now_s - self._fix.took_s[before] < _SEEN_S / 2.0
-            if road is not None and road.in_junction and follows:
+            if road is not None and road.in_junction and now_s - self._fix.took_s[before] < _LOST_S:
                 return
         for i in self._best():
             if took[i] and self._like(seen, i):
@@ -208,7 +207,6 @@ class Whereabouts:
         if road is None or road.in_junction:
             return
         self._kinds += _KIND_SHARE * (seen.junction[0] - self._kinds)
-        self._kinds *= road.line_m < _KIND_M
         tee, left = self._kinds[KINDS.index("tee")], self._kinds[KINDS.index("left")]
         toward_rad = RIGHT_RAD if tee > max(left, _NO_TEE) else STRAIGHT_RAD
         if toward_rad != self._way.toward_rad:

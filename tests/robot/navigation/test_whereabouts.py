@@ -113,10 +113,12 @@ def test_where_every_place_looks_alike_it_never_says_that_it_knows() -> None:
     view, search = LaneView(loop), Whereabouts(LaneGraph(loop), LaneView(loop))
     rng, lane = np.random.default_rng(1), loop.lanes[0].control_points_m
     pose = Pose(*lane[0], math.atan2(*(lane[1] - lane[0])[::-1]))
-    for k in range(1, 40):  # it stands: nothing new is seen
+    told: List[int] = []
+    for k in range(1, 40):
         search.move(0.0, 0.0, 0.1 * k)
         assert search.see(look(view, pose, rng), 0.1 * k) == ()
-    assert search.places > 4
+        told.append(search.places)
+    assert told[-1] == told[10] > 4, "who stands sees nothing new"
     assert f"{search.places} places fit" in search.sentence
 
 
@@ -244,8 +246,45 @@ def test_who_crossed_three_junctions_in_vain_gives_up_before_the_fourth_and_says
     assert "drive it by hand" in search.sentence
 
 
-@pytest.mark.parametrize(("tee", "turned_deg"), [(0.0, 0.0), (0.4, -90.0)])
-def test_before_what_may_be_a_t_it_turns_right(tee: float, turned_deg: float) -> None:
+def test_the_way_on_is_by_a_place_whose_lane_lies_as_the_one_that_is_seen() -> None:
+    """Where it goes on by another one; over a junction it does not, while pictures fit."""
+    rng, view = np.random.default_rng(4), LaneView(TOWN)
+    path = route(TOWN, np.random.default_rng(7))
+    search, before = Whereabouts(LaneGraph(TOWN), view), None
+    changes, left, inside, crosses = 0, 0, 0, False
+    search.move(0.0, 0.0, 0.0)
+    for k, step in enumerate(steps_along(path)):
+        now_s = 0.1 * (k + 1)
+        x_m, y_m = step.pose.to_world(np.array((0.0, 0.06))).tolist()
+        seen = look(view, Pose(x_m, y_m, step.pose.heading_rad), rng)  # left of its lane
+        search.move(step.forward_m, step.turn_rad, now_s)
+        search.see(seen, now_s)
+        way = search.on(now_s)
+        if way is None:
+            continue
+        went_m = math.inf if before is None else math.dist(way.pose[:2], before[:2])
+        if went_m > 0.5:
+            road = view.at(*way.pose)
+            assert road is not None
+            assert not road.in_junction
+            assert abs(road.offset_m - seen.figures[0, 0]) < 0.08, "the picture corrected it, too"
+            assert abs(road.heading_rad - seen.figures[0, 1]) < 0.5
+            changes += 1
+            left += crosses
+        road = view.at(*way.pose)
+        crosses, before = road is not None and road.in_junction, way.pose
+        inside += crosses
+    assert changes > 5
+    assert left < 0.03 * inside
+
+
+@pytest.mark.parametrize(
+    ("cross", "left", "tee", "turned_deg"),
+    [(0.9, 0.0, 0.0, 0.0), (0.5, 0.0, 0.4, -90.0), (0.85, 0.0, 0.05, 0.0), (0.4, 0.35, 0.2, 0.0)],
+)
+def test_before_what_may_rather_be_a_t_it_turns_right(
+    cross: float, left: float, tee: float, turned_deg: float
+) -> None:
     rng, view = np.random.default_rng(1), LaneView(TOWN)
     search = Whereabouts(LaneGraph(TOWN), view)
     search.move(0.0, 0.0, 0.0)
@@ -256,7 +295,7 @@ def test_before_what_may_be_a_t_it_turns_right(tee: float, turned_deg: float) ->
         search.move(0.02, 0.0, now_s)
         seen = look(view, truth, rng)
         if road.line_m < 0.6:
-            seen.junction[0] = (0.0, 0.9 - tee, 0.0, 0.1, tee)
+            seen.junction[0] = (0.0, cross, left, 0.05, tee)
         search.see(seen, now_s)
         if road.line_m < 0.15:
             break
