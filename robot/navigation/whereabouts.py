@@ -96,7 +96,7 @@ class WayOn:
 class Whereabouts:
     """Looks for a robot's place on the map of a graph, and meanwhile drives on.
 
-    ``places`` fit what was seen; ``junctions`` has the likeliest hypothesis crossed.
+    ``places`` fit what was seen; ``junctions`` were crossed by the hypotheses that it drove on by.
     """
 
     def __init__(self, graph: LaneGraph, view: LaneView) -> None:
@@ -195,17 +195,21 @@ class Whereabouts:
             if took[i] and self._like(seen, i):
                 keeps = before is not None and took[before] and fit[before] > fit[i] - _BETTER
                 if not keeps and self._way.lay(Pose(*self._fusion.poses[i].tolist())):
-                    self._leader = i
+                    self._leader, self._crossing = i, False
                 return
 
     def _choose(self, seen: Seen) -> None:
-        """To the right where the junction ahead is rather a T than one without a way there."""
+        """Whether to go over the junction ahead, and to the right where it may rather be a T."""
         if self._leader is None:
             return
         pose = Pose(*self._fusion.poses[self._leader].tolist())
         road = self._view.at(*pose)
+        crossing = road is not None and road.in_junction
+        self.junctions += self._crossing and not crossing
+        self._crossing = crossing
         if road is None or road.in_junction:
             return
+        self._vain = self.junctions >= _JUNCTIONS and road.line_m < _BEFORE_M
         self._kinds += _KIND_SHARE * (seen.junction[0] - self._kinds)
         tee, left = self._kinds[KINDS.index("tee")], self._kinds[KINDS.index("left")]
         toward_rad = RIGHT_RAD if tee > max(left, _NO_TEE) else STRAIGHT_RAD
@@ -242,11 +246,6 @@ class Whereabouts:
             shares[place] = max(shares[place], math.exp(self._weights[i]))
         self.places = int((shares > 0.05).sum())
         best = int(order[0])
-        road = self._view.at(*poses[best].tolist())
-        crossing = road is not None and road.in_junction
-        self.junctions += self._crossing and not crossing
-        self._crossing = crossing
-        self._vain = self.junctions >= _JUNCTIONS and road is not None and road.line_m < _BEFORE_M
         within_m, turned_rad = self._fusion.certainty[best].tolist()
         if shares[0] < _SURE * shares.sum() or within_m > _WITHIN_M or self._driven_m < _DRIVEN_M:
             return ()

@@ -127,14 +127,14 @@ def find(robot: Lonely, click: bool) -> Found:
     robot.wait()
     if click:
         robot.click()
-    departed, began_s = False, robot.clock.now()
+    departed, began_s, crosses = False, robot.clock.now(), False
     while robot.clock.now() - began_s < LONGEST_S and not robot.strayed:
         before = robot.world.pose
         tick, navigator = robot.turn(), robot.navigator
         found.driven_m += math.dist(before[:2], robot.world.pose[:2])
-        assert navigator._finding is not None
-        if navigator._finding._search is not None:
-            found.junctions = navigator._finding._search.junctions
+        tile, crossed = robot.road_map.tile_at(*robot.world.pose[:2]), crosses
+        crosses = tile is not None and tile.is_junction
+        found.junctions += found.right is None and crossed and not crosses
         if navigator.pose is not None and found.right is None:
             truth = robot.world.pose
             found.off_m = math.dist(navigator.pose[:2], truth[:2])
