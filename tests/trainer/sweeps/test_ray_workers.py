@@ -6,7 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from rich.console import Console
 from robot.errors import ConfigError
 from tests import thorough
 from tests.trainer.chores import Chore, ToyTraining
-from tests.trainer.toy import BrightColumn, ToyVecEnv, toy_config
+from tests.trainer.toy import BrightColumn, ToyVecEnv, make_toy, toy_config
 from trainer import processes
 from trainer.config import RunConfig
 from trainer.processes import RayProcesses
@@ -98,6 +98,42 @@ def test_where_no_cluster_answers_is_wrong_input(
             RayProcesses(address)
 
 
+class Hesitant(ToyVecEnv):
+    """Past its hundredth step it drives on only once a second follower has come."""
+
+    count = 0
+    maker: "HesitantMaker"
+
+    def step_wait(self) -> Any:
+        self.count += 1
+        while self.count > 100 and len(list(self.maker.arrived.iterdir())) < 2:
+            self.maker.under_way.touch()
+            time.sleep(0.01)
+        return super().step_wait()
+
+
+@dataclass(frozen=True)
+class HesitantMaker:
+    """Makes the worlds; a follower is a process on one of these nodes, and says where it is."""
+
+    arrived: Path
+    nodes: tuple[str, ...]
+
+    @property
+    def under_way(self) -> Path:
+        return self.arrived.with_name("under way")
+
+    def __call__(self, config: RunConfig, robots: int, seed: int) -> ToyVecEnv:
+        where = ray.get_runtime_context().get_node_id()
+        if where not in self.nodes:
+            return make_toy(config, robots, seed)
+        (self.arrived / where).touch()
+        env = Hesitant([BrightColumn] * robots)
+        env.maker = self
+        env.seed(seed)
+        return env
+
+
 @pytest.mark.slow
 def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -113,32 +149,12 @@ def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
     config = replace(toy_config("ppo", 6_000), workers=2)
     config = replace(config, evaluation=replace(config.evaluation, stop_after_perfect=0))
     run = RunFolder(tmp_path / "toy")
-    arrived, ours = tmp_path / "arrived", [node.node_id for node in nodes]
-    arrived.mkdir()
-
-    class Hesitant(ToyVecEnv):
-        """Only a second follower drives on past its hundredth step."""
-
-        count = 0
-
-        def step_wait(self) -> Any:
-            self.count += 1
-            while self.count > 100 and len(list(arrived.iterdir())) < 2:
-                (tmp_path / "under way").touch()
-                time.sleep(0.01)
-            return super().step_wait()
-
-    def make(config: RunConfig, robots: int, seed: int) -> ToyVecEnv:
-        where = ray.get_runtime_context().get_node_id()
-        if where in ours:
-            (arrived / where).touch()
-        env = (Hesitant if where in ours else ToyVecEnv)([BrightColumn] * robots)
-        env.seed(seed)
-        return env
+    make = HesitantMaker(tmp_path / "arrived", tuple(node.node_id for node in nodes))
+    make.arrived.mkdir()
 
     def lose_the_node() -> None:
-        wait_for(tmp_path / "under way")
-        (busy,) = [node for node in nodes if (arrived / node.node_id).exists()]
+        wait_for(make.under_way)
+        (busy,) = [node for node in nodes if (make.arrived / node.node_id).exists()]
         cluster.remove_node(busy, allow_graceful=False)
 
     losing = threading.Thread(target=lose_the_node)
@@ -151,7 +167,7 @@ def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
     finally:
         ray.shutdown()
         cluster.shutdown()
-    assert {each.name for each in arrived.iterdir()} == set(ours)
+    assert {each.name for each in make.arrived.iterdir()} == set(make.nodes)
     assert metrics.stopped_by == "steps"
     steps = [episode.step for episode in run.episodes()]
     assert steps == sorted(steps)
