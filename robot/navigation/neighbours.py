@@ -31,6 +31,7 @@ _SWING_M = 0.09  # deviation of whether it comes to who stands beside its lane
 _STILL_MPS = 0.05  # poses of who stands move, too
 _AT_LINE_M = 0.12  # so near to the line its nose stands who has arrived
 _OVER_M = 0.02  # so far beyond it is inside
+_STANDS_S = 15.0  # who stands inside for longer is in the way, not on its way over
 
 
 class Other(NamedTuple):
@@ -105,6 +106,7 @@ class Crossings:
     def __init__(self, road_map: RoadMap) -> None:
         self._map = road_map
         self._known: Dict[str, Tuple[Tile, AtJunction]] = {}
+        self._moved_s: Dict[str, float] = {}
 
     def update(self, now_s: float, robots: Mapping[str, Traveller]) -> Dict[str, Junction]:
         """By name, the junctions of those who stand at one or are inside."""
@@ -118,6 +120,10 @@ class Crossings:
     def _at(self, now_s: float, name: str, robot: Traveller) -> Optional[Tuple[Tile, AtJunction]]:
         before = self._known.get(name)
         inside = self.inside(robot.pose)
+        if inside is None or robot.speed_mps > _STILL_MPS:
+            self._moved_s[name] = now_s
+        if now_s - self._moved_s.setdefault(name, now_s) > _STANDS_S:
+            return None
         if inside is not None:
             if before is not None and before[0] == inside:
                 return inside, replace(before[1], inside=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Dict, Tuple
+from typing import Dict, List, Tuple
 
 import numpy as np
 import pytest
@@ -117,6 +117,22 @@ def test_a_robot_is_inside_from_its_nose_to_its_tail_and_keeps_its_arm() -> None
     assert min(inside) == pytest.approx(0.6 - NOSE_M + 0.02, abs=0.02)
     assert max(inside) == pytest.approx(1.2 + 0.1, abs=0.02)
     assert {at.own.arm for at in told.values() if at is not None} == {0}
+
+
+def test_who_stands_inside_for_long_is_only_in_the_way_until_it_moves() -> None:
+    crossings, here = Crossings(CROSS), Pose(1.02, 0.9, 0.5 * math.pi)
+
+    def others(now_s: float, speed_mps: float) -> List[bool]:
+        stuck = Traveller(here, speed_mps, math.inf)
+        found = crossings.update(now_s, {"r0": travellers()["r0"], "stuck": stuck})
+        return [other.inside for other in found["r0"].others]
+
+    assert others(10.0, 0.2) == [True]
+    assert others(24.9, 0.0) == [True]
+    assert others(25.1, 0.0) == []
+    assert others(25.2, 0.06) == [True], "it goes on"
+    assert others(40.1, 0.0) == [True]
+    assert others(40.3, 0.0) == []
 
 
 @pytest.mark.parametrize(
