@@ -21,6 +21,7 @@ FRAME_HEIGHT_PX = 120
 PATH_POINTS = 10  # angles in path_input (paper A, section 3.3)
 PATH_ANGLE_LIMIT_RAD = math.pi / 4
 LEAST_PROVEN, LEAST_FORETOLD = 0.8, 0.75  # of a taught policy, else the robot does not arm
+LEAST_STEERED = 40  # moments that it is asked about, where there was no twin to drive in
 T = TypeVar("T", bound="InFile")
 
 
@@ -129,7 +130,7 @@ class InFile:
 class Proof:
     """How a taught policy drove before it came to a robot."""
 
-    drives: int  # in the twin of the robot and floor that it was taught on
+    drives: int  # in the twin of the robot and floor that it was taught on; 0: without a map
     succeeded: int
     low: float  # 95 % sure: the share that succeeds is between these
     high: float
@@ -141,8 +142,10 @@ class Proof:
     @property
     def problem(self) -> str:
         """Why this is not enough, or ""."""
-        if not self.low >= LEAST_PROVEN:
+        if self.drives and not self.low >= LEAST_PROVEN:
             return f"proven to {self.low:.0%} of drives, expected {LEAST_PROVEN:.0%}"
+        if not self.drives and not self.steered >= LEAST_STEERED:
+            return f"asked about {self.steered} moments of steering, expected {LEAST_STEERED}"
         if self.steered and not self.foretold >= LEAST_FORETOLD * self.steered:
             share = self.foretold / self.steered
             return f"foretells {share:.0%} of a person's steering, expected {LEAST_FORETOLD:.0%}"

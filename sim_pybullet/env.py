@@ -166,11 +166,8 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ``remaining_m``, ``collided``, ``is_success``; at the end also ``drive``
     (`sim_pybullet.batch.DriveMetrics`).
 
-    Traffic: Discrete(7), the five, slow and stop, `sim_pybullet.tasks.traffic`; pictures are
-    (H, W, 9), the last three frames.
-
-    Track racing: Discrete(9), `sim_pybullet.tasks.track_racing.RACING_ACTIONS`; pictures are (H, W,
-    12), the last four frames.
+    Traffic: Discrete(7), the five, slow and stop; the last three frames, (H, W, 9). Track racing:
+    Discrete(9), `sim_pybullet.tasks.track_racing.RACING_ACTIONS`; the last four, (H, W, 12).
 
     Args:
         world: of one robot; it ends with the environment.

@@ -93,8 +93,8 @@ def compare(
                 by_recorded(network, person, config, seed)
             elif variant != "nothing":
                 told = person if variant == "all" else nobody
-                road_map = load_map(options.map)
-                teach(network, contract, road_map, looks, told, config, seed, shown)
+                twin = load_map(options.map), looks
+                teach(network, contract, twin, told, config, seed, shown)
             export_network(network, contract, out / "model.onnx")
             maps = (options.map, *options.elsewhere)
             found = {at: succeeded(out / "model.onnx", at, look, options.drives) for at in maps}

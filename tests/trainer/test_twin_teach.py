@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from rich.console import Console
 
-from robot.contract import PolicyContract, Proof
+from robot.contract import PolicyContract, Proof, Stick
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.path import path_input
 from robot.navigation.road_map import load_map
+from robot.recording.drive_file import png
+from robot.recording.reader import Sample
 from robot.recording.topics import Turn
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.navigation import RandomRoutes
 from tests.tools.recorded import recorded
+from tools.data.drives import write_drive
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
 from trainer.twin import translation
+from trainer.twin.cli import fit_command, teach_command
 from trainer.twin.examples import AHEAD_M, Examples, examples_of, foretold, ways_driven
 from trainer.twin.proof import where_failed
 from trainer.twin.recorded import Recorded
@@ -135,7 +140,7 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     bends = np.full(40, 13.0)
     person = Examples(image, None, np.zeros(40, int), np.ones(40), bends)
     config = TeachConfig(steps=20, robots=2, batch=16, recorded=32, every=1, painted=1)
-    teach(network, contract, load_map("loop"), [NOMINAL], person, config, seed=0)
+    teach(network, contract, (load_map("loop"), [NOMINAL]), person, config, seed=0)
     assert not torch.equal(before, network.head[0].weight)
     model = tmp_path / "model.onnx"
     taught = replace(contract, taught_from="lane_coached")
@@ -158,7 +163,7 @@ def test_only_the_twin_is_seen_through_a_translator() -> None:
     network, contract = load_base(base_file("lane_coached"))
     nobody = Examples(np.zeros((0, *contract.picture_shape), np.uint8), None, *[np.zeros(0)] * 3)
     config = TeachConfig(steps=6, robots=2, batch=4, painted=1)
-    teach(network, contract, load_map("loop"), [NOMINAL], nobody, config, 0, darkened)
+    teach(network, contract, (load_map("loop"), [NOMINAL]), nobody, config, 0, darkened)
     assert sum(seen) == 2 * 7, "what two robots saw of the twin, first and after each step"
 
 
@@ -177,6 +182,44 @@ def test_a_cyclegan_between_twin_and_recording_goes_on_where_it_was_cut_off(
     np.testing.assert_array_equal(again(pictures), first)
     with pytest.raises(ConfigError, match="expected one of these recordings"):
         twin_to_real([recorded(tmp_path, "b", 12)], image, tmp_path, 2, 0, told)
+
+
+@pytest.fixture(scope="module")
+def unmapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A person drives where no map is: to the bright side, in bends of two seconds."""
+    rng, samples = np.random.default_rng(0), []
+    for k in range(300):
+        turn = (1.0, -1.0)[k // 20 % 2]
+        shade = np.linspace(90.0 + 70.0 * turn, 90.0 - 70.0 * turn, 160)[None, :, None]
+        image = np.clip(shade + rng.normal(0.0, 4.0, (120, 160, 3)), 0, 255).astype(np.uint8)
+        samples.append(Sample(1.7e9 + 0.1 * k, png(image), Stick(turn, 0.6).wheels, "person"))
+    return write_drive(tmp_path_factory.mktemp("unmapped"), "own", "daisy", samples)
+
+
+@pytest.mark.slow
+def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    assert teach_command((unmapped,), out=tmp_path / "taught", steps=60) == 0
+    contract = OnnxPolicy(tmp_path / "taught" / "model.onnx").contract
+    proof = contract.proof
+    assert proof is not None
+    assert (proof.drives, proof.succeeded, proof.low) == (0, 0, 0.0)
+    assert proof.foretold > 0.9 * proof.steered > 75
+    assert contract.unproven == ""
+    assert proof.sentence == (
+        f"never driven; steers as the person did in {proof.foretold} of {proof.steered} "
+        "held-out moments"
+    )
+
+
+@pytest.mark.parametrize("given", [{"base": "nav_ppo"}, {"cyclegan": 2}])
+def test_without_a_map_there_is_no_way_and_no_twin(
+    given: dict[str, Any], unmapped: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match="a lane keeper, no --cyclegan"):
+        teach_command((unmapped,), out=tmp_path, **given)
+    with pytest.raises(ConfigError, match="drives on a map, got drives without one"):
+        fit_command((unmapped,), tmp_path / "twin.yaml")
 
 
 def test_a_proof_says_where_most_drives_fail_and_when() -> None:

@@ -20,11 +20,7 @@ def list_command(recordings: Recordings) -> int:
 
 
 def plot_command(recordings: Recordings, out: Path) -> int:
-    """Steering and speed over time.
-
-    Args:
-        out: the picture.
-    """
+    """Steering and speed over time, as a picture."""
     from tools.data.drives import drives_in, plot
 
     found = drives_in(recordings)
@@ -52,12 +48,7 @@ def split_command(recordings: Recordings, out: Path, held_out: float = 0.2, seed
 
 
 def cut_command(source: Positional[Path], out: Path) -> int:
-    """Keep what is marked good, drop what is marked bad.
-
-    Args:
-        source: a recording.
-        out: the new recording.
-    """
+    """A new recording of what is marked good, less what is marked bad."""
     from robot.recording.reader import cut
 
     expect_writable(out, inputs=[source])
@@ -76,11 +67,7 @@ def to_donkeycar_command(recordings: Recordings, out: NewFolder) -> int:
 def to_lerobot_command(
     recordings: Recordings, out: NewFolder, task: str = "drive along the lane"
 ) -> int:
-    """Recordings as a LeRobot dataset (version 3.0); needs the extra lerobot.
-
-    Args:
-        task: what it is, in words.
-    """
+    """Recordings as a LeRobot dataset (3.0) of a task in words; needs the extra lerobot."""
     from tools.data.drives import drives_in
     from tools.data.lerobot import to_dataset
 
@@ -89,11 +76,7 @@ def to_lerobot_command(
 
 
 def from_donkeycar_command(source: Positional[Path], out: NewFolder) -> int:
-    """A Donkeycar tub as recordings.
-
-    Args:
-        source: the tub.
-    """
+    """A Donkeycar tub as recordings."""
     from tools.data.drives import from_tub
 
     print(f"{out}: {len(from_tub(source, out))} drives")
@@ -101,11 +84,7 @@ def from_donkeycar_command(source: Positional[Path], out: NewFolder) -> int:
 
 
 def from_lerobot_command(source: Positional[Path], out: NewFolder) -> int:
-    """A LeRobot dataset of two wheels as recordings; needs the extra lerobot.
-
-    Args:
-        source: the dataset.
-    """
+    """A LeRobot dataset of two wheels as recordings; needs the extra lerobot."""
     from tools.data.lerobot import from_dataset
 
     print(f"{out}: {len(from_dataset(source, out))} drives")

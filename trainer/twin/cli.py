@@ -9,6 +9,8 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
+from robot.errors import ConfigError
+
 
 def fit_command(
     recordings: tyro.conf.Positional[tuple[Path, ...]], out: Path = Path("my_look.yaml")
@@ -21,15 +23,20 @@ def fit_command(
         recordings: MCAP files of drives on one map, best with overhead poses.
         out: the look, .yaml.
     """
-    _fit(recordings, out, Console(soft_wrap=True, highlight=False))
+    console = Console(soft_wrap=True, highlight=False)
+    if _fit(recordings, out, console)[1] is None:
+        raise ConfigError("fit: expected recordings of drives on a map, got drives without one")
     return 0
 
 
 def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, Any]:
+    """The drives, and their twin, if they have a map."""
     from trainer.twin.fit import fit_twin, write_twin, write_twin_page
     from trainer.twin.recorded import read_drives
 
     drives = read_drives(recordings, lambda line: console.print(line, markup=False))
+    if not any(drive.map_name for drive in drives):
+        return drives, None
     with console.status("fitting"):
         twin = fit_twin(drives)
     write_twin(twin, out)
@@ -54,11 +61,11 @@ def teach_command(
 ) -> int:
     """Teach a policy your floor: fit a twin, learn on in it, and prove it there.
 
-    Leaves twin.yaml, twin.html and model.onnx in its folder. Exit status 1 if the proof is not
-    enough for a robot to arm, or its base drives better.
+    Leaves twin.yaml, twin.html and model.onnx in its folder; without a map it learns your steering.
+    Exit status 1 if the proof is not enough for a robot to arm, or its base drives better.
 
     Args:
-        recordings: MCAP files of drives on one map.
+        recordings: MCAP files of drives on one map, or without any.
         base: what it learns on from: an ONNX file, or the name of a shipped policy.
         out: folder.
         drives: in the twin, for the proof.
@@ -67,6 +74,7 @@ def teach_command(
             pictures then pass; 0 for none.
         seed: of everything random.
     """
+    import numpy as np
     import torch
 
     from sim_pybullet.randomise import load_look_sampler
@@ -80,16 +88,21 @@ def teach_command(
     console = Console(soft_wrap=True, highlight=False)
     path = base_file(base)
     network, contract = load_base(path)
-    seen, twin = _fit(recordings, out / "twin.yaml", console)
-    looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
-    person = examples_of(seen, twin.places, contract, held_out=False)
-    options = TeachConfig(steps)
-    shown = None
-    if cyclegan:
+    seen, fitted = _fit(recordings, out / "twin.yaml", console)
+    places, twin, shown = [np.zeros((len(drive.turns), 3)) for drive in seen], None, None
+    if fitted is not None:
+        places, looks = fitted.places, load_look_sampler(out / "twin.yaml", pose_error(contract))
+        twin = seen[0].road_map, looks
+    if cyclegan and twin:
         shown = twin_to_real(recordings, contract.image, out, cyclegan, seed, console)
+    person = examples_of(seen, places, contract, held_out=False)
+    if not twin and (cyclegan or contract.path_points or not len(person.actions)):
+        raise ConfigError("without a map: expected your own driving, a lane keeper, no --cyclegan")
+    options = TeachConfig(steps) if twin else TeachConfig(steps, recorded=TeachConfig.batch)
+    out.mkdir(parents=True, exist_ok=True)
     with console.status("teaching"):
-        teach(network, contract, road_map, looks, person, options, seed, shown)
-    trained = contract.trained_steps + 2 * steps * options.robots
+        teach(network, contract, twin, person, options, seed, shown)
+    trained = contract.trained_steps + (1 + (twin is not None)) * steps * options.robots
     taught = replace(
         contract, run=out.name, taught_from=path.stem, trained_steps=trained, score=None
     )
@@ -97,13 +110,14 @@ def teach_command(
     export_network(network, taught, model)
     with Progress(console=console) as bar:
         row = bar.add_task("proof", total=2 * drives)
-        held_out = examples_of(seen, twin.places, contract, held_out=True)
-        given = road_map, looks, held_out, drives, lambda _: bar.advance(row)
+        held_out = examples_of(seen, places, contract, held_out=True)
+        given = twin, held_out, drives, lambda _: bar.advance(row)
         before, proof = (prove(file, *given) for file in (path, model))
     proven = replace(taught, proof=proof)
     export_network(network, proven, model)
     console.print(f"before: {before.sentence}\n{model}: {proof.sentence}", markup=False)
-    if worse := proof.succeeded < before.succeeded:
+    known = "succeeded" if twin else "foretold"
+    if worse := getattr(proof, known) < getattr(before, known):
         console.print(f"it drives worse than {path.stem}: keep that", markup=False)
     if proven.unproven:
         console.print(f"the robot will not arm with it: {proven.unproven}", markup=False)

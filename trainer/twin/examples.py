@@ -43,12 +43,12 @@ def examples_of(
 
     ``places`` (F, 3): where the robot was at each drive's pictures. Right is what the expert would
     do from there on the way that was driven: a person weaves, and is late. Where they took over
-    from the policy, they knew better.
+    from the policy, or there is no map, they knew better.
     """
     rows = []
     for drive, poses in zip(drives, places, strict=True):
         last_s = (1.0 - HELD_OUT) * drive.times_s[-1]
-        ways = ways_driven(drive)
+        ways = ways_driven(drive) if drive.map_name else [None] * len(drive.turns)
         for k, taken_s in enumerate(_since_takeover(drive.turns)):
             way, steered_pm = ways[k], _bend(drive.turns[k].wheels)
             told = drive.turns[k].path if drive.turns[k].path is not None else way and way.told

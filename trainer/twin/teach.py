@@ -2,7 +2,7 @@
 
 DAgger (Ross et al. 2011) in worlds of two kinds: the twin's, and the training's against forgetting.
 The expert knows the true path. Recorded frames come with the person's steering; what they did when
-they took over counts most (HG-DAgger, Kelly et al. 2019).
+they took over counts most (HG-DAgger, Kelly et al. 2019). Without a map there is no twin.
 """
 
 from dataclasses import dataclass
@@ -29,6 +29,7 @@ from trainer.division import division
 from trainer.export import check_equal, noise_seen
 from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.learners.policies import build_policy
+from trainer.relit import relit
 from trainer.resumable import descend, set_rate
 from trainer.twin.examples import Examples
 
@@ -96,8 +97,7 @@ def _widths(weights: dict[str, torch.Tensor], file: Path) -> NetConfig:
 def teach(
     network: GreedyNetwork,
     contract: PolicyContract,
-    road_map: RoadMap,
-    twin: Looks,
+    twin: tuple[RoadMap, Looks] | None,
     person: Examples,
     config: TeachConfig,
     seed: int,
@@ -105,14 +105,15 @@ def teach(
 ) -> None:
     """Let the network learn on, in place; it sees the twin through a ``translator``, if any.
 
+    Without a twin it learns what the person did, under other lights, as much as in the usual looks.
     ContractError: a policy of another vehicle or other actions, or of stacked pictures.
     """
     if contract.actions != FIVE_ACTIONS or contract.frames != 1:
         raise ContractError("teach: expected a policy of one picture and the five actions")
     rng, robots = np.random.default_rng(seed), config.robots
-    worlds = _worlds(contract, road_map, twin, config, seed, translator)
+    worlds = _worlds(contract, twin, config, seed, translator)
     optimiser = torch.optim.Adam(network.parameters(), config.rate)
-    observed, frames = [world.reset() for world in worlds], 2 * robots * config.steps
+    observed, frames = [world.reset() for world in worlds], len(worlds) * robots * config.steps
     seen = {"image": np.zeros((frames, *contract.picture_shape), np.uint8)}
     if contract.path_points:
         seen["path"] = np.zeros((frames, contract.path_points), np.float32)
@@ -140,7 +141,10 @@ def teach(
                 chosen = rng.choice(len(person.actions), config.recorded, p=shares)
                 wanted = np.concatenate((wanted, person.actions[chosen]))
                 told: dict[str, Any] = {"image": person.images, "path": person.paths}
-                drawn = {n: np.concatenate((part, told[n][chosen])) for n, part in drawn.items()}
+                recorded = {name: told[name][chosen] for name in drawn}
+                if twin is None:
+                    recorded["image"] = np.array([relit(p, rng) for p in recorded["image"]])
+                drawn = {n: np.concatenate((part, recorded[n])) for n, part in drawn.items()}
             features = network.features({n: torch.from_numpy(part) for n, part in drawn.items()})
             loss = cross_entropy(unhedged(network.head)(features), torch.from_numpy(wanted))
             descend(optimiser, loss, 10.0)
@@ -155,18 +159,19 @@ def pose_error(contract: PolicyContract) -> str | None:
 
 def _worlds(
     contract: PolicyContract,
-    road_map: RoadMap,
-    twin: Looks,
+    twin: tuple[RoadMap, Looks] | None,
     config: TeachConfig,
     seed: int,
     translator: Translator | None,
 ) -> list[BatchWorld]:
-    """The twin's, and one of training maps and looks."""
+    """One of training maps and looks, and the twin's, if any."""
     spec, names = find_task(contract.task), division().maps.training
     rings = bool(spec.lanes)
     fit = [name for name in names if (name == "loop" or name.startswith("rings/")) == rings]
     usual = Sites(load_look_sampler(name, pose_error(contract)) for name in USUAL)
-    kinds = ([road_map], twin, translator), ([load_map(n) for n in fit[:5]], usual, None)
+    kinds: list[Any] = [([load_map(n) for n in fit[:5]], usual, None)]
+    if twin is not None:
+        kinds.insert(0, ([twin[0]], twin[1], translator))
     worlds = []
     for k, (maps, looks, shown) in enumerate(kinds):
         choices = Choices("both" if rings else None, start_spread=1.6)

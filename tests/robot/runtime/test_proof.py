@@ -40,6 +40,9 @@ def test_only_a_taught_policy_needs_a_proof() -> None:
         ({"low": 0.79}, "79%"),
         ({"low": float("nan")}, "nan"),
         ({"foretold": 74}, "74%"),
+        ({"drives": 0, "steered": 39, "foretold": 39}, "39 moments of steering, expected 40"),
+        ({"drives": 0, "steered": 0, "foretold": 0}, "0 moments"),
+        ({"drives": 0, "foretold": 74}, "74%"),
     ],
 )
 def test_a_proof_below_the_bar_is_none(changes: Any, said: str) -> None:
@@ -49,6 +52,7 @@ def test_a_proof_below_the_bar_is_none(changes: Any, said: str) -> None:
 def test_a_proof_at_the_bar_is_enough() -> None:
     assert taught(low=0.8, foretold=75).unproven == ""
     assert taught(steered=0, foretold=0).unproven == ""  # nobody was asked
+    assert taught(drives=0, low=0.0, steered=40, foretold=30).unproven == ""  # without a map
 
 
 def test_a_proof_travels_in_the_metadata() -> None:
