@@ -99,7 +99,6 @@ def demo_command(out: Path = Path("runs/demo"), seed: int = 0, seconds: float = 
     demo that was killed goes on with the stage it was in.
 
     Args:
-        out: folder of the demo.
         seed: of everything random.
         seconds: of training.
     """

@@ -118,7 +118,6 @@ def report_command(
 
     Args:
         runs: run folders, or folders of run folders.
-        out: the report's folder.
     """
     if not runs:
         raise ConfigError("report: expected one run folder or more, got none")

@@ -1,18 +1,19 @@
 """Robots without a localizer tell each other over the link where they believe to be."""
 
 import math
-from typing import Callable, Mapping, Optional, Sequence
+from typing import Callable, Dict, Mapping, Optional, Sequence
 
 import numpy as np
 
 from robot.geometry import Pose
 from robot.link.messages import PoseMessage, Telemetry
 from robot.navigation.lane_view import LaneView
-from robot.navigation.neighbours import Neighbours
+from robot.navigation.neighbours import STILL_MPS, Neighbours
 from robot.safety.road_ahead import RoadAhead
 
 BELIEVED_M = 0.05  # standard deviation of what a robot tells of its place
-KNOWN_M = 0.125  # 95 % sure of it, as by a person's word: who is less sure tells nothing
+KNOWN_M = 0.125  # 95 % sure of it, as by a person's word: who is less sure tells nothing,
+STANDS_KNOWN_M, STANDS_S = 0.25, 5.0  # unless it has stood for so long: nobody may wait for it then
 Reports = Mapping[str, Callable[[], Optional[Telemetry]]]
 
 
@@ -26,6 +27,7 @@ class Company(Neighbours):
         super().__init__(view, robot, BELIEVED_M)
         self._reports, self._turns = reports, 0
         self._said_s = dict.fromkeys(reports, -math.inf)
+        self._moved_s: Dict[str, float] = {}
 
     def hear(self, poses: Sequence[PoseMessage], now_s: float) -> None:
         """Nothing: by a localizer's poses everybody would be told of twice."""
@@ -34,12 +36,19 @@ class Company(Neighbours):
         """As of `Neighbours`, by what has been said up to now."""
         self._turns += 1
         told = [PoseMessage(self._robot, *pose, 1.0, now_s, "own", self._turns, now_s)]
+        long_m = {self._robot: 0.0}
         for name, receive in self._reports.items():
             said = receive()
-            known = said is not None and said.belief is not None and said.belief.long_m <= KNOWN_M
-            if said is not None and said.pose is not None and known and said.robot == name:
+            if said is None or said.pose is None or said.belief is None or said.robot != name:
+                continue
+            long_m[name] = said.belief.long_m
+            if long_m[name] <= STANDS_KNOWN_M:
                 stamp = said.session, said.sequence, said.t_sent_s
                 told.append(PoseMessage(name, *said.pose, 1.0, said.t_sent_s, *stamp))
-        self._said_s.update(self._take(told, now_s))
+        for name, at_s in self._take(told, now_s).items():
+            if math.hypot(*self._tracks[name].velocity_mps) > STILL_MPS:
+                self._moved_s[name] = at_s
+            if long_m[name] <= KNOWN_M or at_s - self._moved_s.setdefault(name, at_s) > STANDS_S:
+                self._said_s[name] = at_s
         self._heard_s = min(self._said_s.values(), default=now_s)
         return super().ahead(now_s, pose, way_m)

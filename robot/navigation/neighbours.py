@@ -28,7 +28,7 @@ _RETURN_M = 0.6  # in which a robot that heads elsewhere gets back to the middle
 _WALKS_S = (0.0, 0.4, 0.8, 1.2)  # who walks counts where it will be, too
 _IN_FRONT_M = 0.03
 _SWING_M = 0.09  # deviation of whether it comes to who stands beside its lane
-_STILL_MPS = 0.05  # poses of who stands move, too
+STILL_MPS = 0.05  # poses of who stands move, too
 _AT_LINE_M = 0.12  # so near to the line its nose stands who has arrived
 _OVER_M = 0.02  # so far beyond it is inside
 _STANDS_S = 15.0  # who stands inside for longer is in the way, not on its way over
@@ -57,7 +57,7 @@ def free_way(
     if not len(seen):
         return RoadAhead()
     way_m = _way_back(lane_m, pose)
-    moving = (np.hypot(seen[:, 2], seen[:, 3]) > _STILL_MPS) & (seen[:, 5] > 0.0)
+    moving = (np.hypot(seen[:, 2], seen[:, 3]) > STILL_MPS) & (seen[:, 5] > 0.0)
     nearest = RoadAhead()
     for after_s in _WALKS_S:
         here = seen if after_s == 0.0 else seen[moving]
@@ -69,7 +69,7 @@ def free_way(
         most_m = np.minimum(AHEAD_M[first] + _HALF_WIDE_M, AHEAD_M[where] - here[:, 4]) - NOSE_M
         on_it = near.any(axis=1) & (pose.to_robot(at_m)[:, 0] > _IN_FRONT_M - 2.0 * sigma_m)
         kept_m = np.linalg.norm(at_m[:, None] - lane_m, axis=-1).min(axis=1)
-        still = np.hypot(here[:, 2], here[:, 3]) <= _STILL_MPS
+        still = np.hypot(here[:, 2], here[:, 3]) <= STILL_MPS
         beside = still & (kept_m >= _HALF_WIDE_M + here[:, 4])  # of the lane
         away_m = np.hypot(*(at_m - pose[:2]).T) - here[:, 4] - NOSE_M
         most_m = np.where(beside, away_m, most_m)
@@ -120,7 +120,7 @@ class Crossings:
     def _at(self, now_s: float, name: str, robot: Traveller) -> Optional[Tuple[Tile, AtJunction]]:
         before = self._known.get(name)
         inside = self.inside(robot.pose)
-        if inside is None or robot.speed_mps > _STILL_MPS:
+        if inside is None or robot.speed_mps > STILL_MPS:
             self._moved_s[name] = now_s
         if now_s - self._moved_s.setdefault(name, now_s) > _STANDS_S:
             return None
@@ -128,7 +128,7 @@ class Crossings:
             if before is not None and before[0] == inside:
                 return inside, replace(before[1], inside=True)
             return inside, AtJunction(_arm(robot.pose), now_s, name, inside=True)
-        if not robot.line_m <= _AT_LINE_M or (before is None and robot.speed_mps > _STILL_MPS):
+        if not robot.line_m <= _AT_LINE_M or (before is None and robot.speed_mps > STILL_MPS):
             return None
         here, heads = self._map.tile_at(robot.pose.x_m, robot.pose.y_m), _arm(robot.pose) + 2
         tile = here and self._map.beyond(here, ORIENTATIONS[heads % 4])

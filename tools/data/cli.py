@@ -35,7 +35,6 @@ def split_command(recordings: Recordings, out: Path, held_out: float = 0.2, seed
     Args:
         out: JSON: learn and held_out.
         held_out: share to judge by.
-        seed: of the lot.
     """
     from tools.data.drives import divide, drives_in
 

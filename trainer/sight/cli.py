@@ -32,9 +32,6 @@ def train_command(out: Path, options: Annotated[SightRun, tyro.conf.arg(name="")
     Learns on the training maps and is calibrated on those for choosing. Called again, it goes on
     where it was cut off. Leaves sight.onnx and sight_int8.onnx. Photographs of your own floor, with
     photographs.yaml beside them, are learned from as docs/photographs.md says.
-
-    Args:
-        out: folder of the run.
     """
     from trainer.sight.train import train_sight
 

@@ -21,7 +21,6 @@ def fit_command(
 
     Args:
         recordings: MCAP files of drives on one map, best with overhead poses.
-        out: the look, .yaml.
     """
     console = Console(soft_wrap=True, highlight=False)
     if _fit(recordings, out, console)[1] is None:
@@ -67,7 +66,6 @@ def teach_command(
     Args:
         recordings: MCAP files of drives on one map, or without any.
         base: what it learns on from: an ONNX file, or the name of a shipped policy.
-        out: folder.
         drives: in the twin, for the proof.
         steps: of learning.
         cyclegan: updates of a CycleGAN between twin and recordings, through which the twin's

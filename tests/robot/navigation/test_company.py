@@ -80,6 +80,23 @@ def test_a_robot_stands_unless_it_knows_where_each_of_the_others_is(why: str) ->
     assert math.isfinite(company.both())
 
 
+@pytest.mark.parametrize(
+    ("within_m", "step_m", "heard"),
+    [(0.25, 0.0, True), (0.26, 0.0, False), (0.13, 0.01, False), (0.12, 0.01, True)],
+)
+def test_who_stands_for_five_seconds_need_not_know_its_place_so_well(
+    within_m: float, step_m: float, heard: bool
+) -> None:
+    """Else it might stand before one that waits at a junction until it knows its place."""
+    company, free_m = Heard(), []
+    for k in range(70):
+        a = report("a", Pose(1.2 + step_m * k, 0.1, 0.0), company.now_s, within_m=within_m)
+        other = report("other", Pose(1.4, 1.4, 0.0), company.now_s)
+        free_m.append(company.free_m(a=a, other=other))
+    assert math.isfinite(free_m[53]) is math.isfinite(free_m[-1]) is heard
+    assert math.isfinite(free_m[48]) is (within_m == 0.12), "it has not stood for so long"
+
+
 def cross_in_company(seed: int) -> float:
     """As `cross`, where each tells the others its place, late, and now and then in vain."""
     rng = np.random.default_rng(seed)
