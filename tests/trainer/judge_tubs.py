@@ -73,7 +73,7 @@ def judge(folder: Path, base: str, steps: int, seed: int) -> list[Told]:
     torch.manual_seed(seed)
     network, contract = load_base(base_file(base))
     drive = recorded(folder)
-    where = [drive], [np.zeros((len(drive.turns), 3))], contract
+    where = [drive], [None], contract
     person, rest = examples_of(*where, held_out=False), examples_of(*where, held_out=True)
     rest = Examples(*(None if part is None else part[GAP:] for part in rest))
     told = [ask(network, contract, rest)]

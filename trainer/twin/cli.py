@@ -23,19 +23,19 @@ def fit_command(
         recordings: MCAP files of drives on one map, best with overhead poses.
     """
     console = Console(soft_wrap=True, highlight=False)
-    if _fit(recordings, out, console)[1] is None:
+    if _fit(recordings, out, console)[2] is None:
         raise ConfigError("fit: expected recordings of drives on a map, got drives without one")
     return 0
 
 
-def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, Any]:
-    """The drives, and their twin, if they have a map."""
+def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, Any, Any]:
+    """The drives, where the robot was at their pictures, and their map; without one no twin."""
     from trainer.twin.fit import fit_twin, write_twin, write_twin_page
     from trainer.twin.recorded import read_drives
 
     drives = read_drives(recordings, lambda line: console.print(line, markup=False))
     if not any(drive.map_name for drive in drives):
-        return drives, None
+        return drives, [None] * len(drives), None
     with console.status("fitting"):
         twin = fit_twin(drives)
     write_twin(twin, out)
@@ -43,10 +43,9 @@ def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, 
     for name, (value, sd) in twin.found.items():
         if not isinstance(value, list):
             console.print(f"{name:24} {value:9.4g} ± {2.0 * sd:.2g}", markup=False)
-    for line in twin.unseen:
+    for line in (*twin.unseen, f"{out}; {page}"):
         console.print(line, markup=False)
-    console.print(f"{out}; {page}", markup=False)
-    return drives, twin
+    return drives, twin.places, drives[0].road_map
 
 
 def teach_command(
@@ -68,13 +67,9 @@ def teach_command(
         base: what it learns on from: an ONNX file, or the name of a shipped policy.
         drives: in the twin, for the proof.
         steps: of learning.
-        cyclegan: updates of a CycleGAN between twin and recordings, through which the twin's
-            pictures then pass; 0 for none.
+        cyclegan: updates of a CycleGAN from twin to recordings, which then shows it; 0: none.
         seed: of everything random.
     """
-    import numpy as np
-    import torch
-
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
     from trainer.twin.examples import examples_of
@@ -82,33 +77,25 @@ def teach_command(
     from trainer.twin.teach import TeachConfig, base_file, load_base, pose_error, teach
     from trainer.twin.translation import twin_to_real
 
-    torch.set_num_threads(1)
-    console = Console(soft_wrap=True, highlight=False)
-    path = base_file(base)
+    console, path = Console(soft_wrap=True, highlight=False), base_file(base)
     network, contract = load_base(path)
-    seen, fitted = _fit(recordings, out / "twin.yaml", console)
-    places, twin, shown = [np.zeros((len(drive.turns), 3)) for drive in seen], None, None
-    if fitted is not None:
-        places, looks = fitted.places, load_look_sampler(out / "twin.yaml", pose_error(contract))
-        twin = seen[0].road_map, looks
-    if cyclegan and twin:
-        shown = twin_to_real(recordings, contract.image, out, cyclegan, seed, console)
-    person = examples_of(seen, places, contract, held_out=False)
-    if not twin and (cyclegan or contract.path_points or not len(person.actions)):
+    seen, places, road_map = _fit(recordings, out / "twin.yaml", console)
+    person, held_out = (examples_of(seen, places, contract, late) for late in (False, True))
+    if not road_map and (cyclegan or contract.path_points or not len(person.actions)):
         raise ConfigError("without a map: expected your own driving, a lane keeper, no --cyclegan")
+    twin = road_map and (road_map, load_look_sampler(out / "twin.yaml", pose_error(contract)))
     options = TeachConfig(steps) if twin else TeachConfig(steps, recorded=TeachConfig.batch)
-    out.mkdir(parents=True, exist_ok=True)
+    shown = None
+    if cyclegan:
+        shown = twin_to_real(recordings, contract.image, out, cyclegan, seed, console)
     with console.status("teaching"):
         teach(network, contract, twin, person, options, seed, shown)
-    trained = contract.trained_steps + (1 + (twin is not None)) * steps * options.robots
-    taught = replace(
-        contract, run=out.name, taught_from=path.stem, trained_steps=trained, score=None
-    )
-    model = out / "model.onnx"
-    export_network(network, taught, model)
+    count = contract.trained_steps + (2 if twin else 1) * steps * options.robots
+    taught = replace(contract, run=out.name, taught_from=path.stem, trained_steps=count, score=None)
+    out.mkdir(parents=True, exist_ok=True)
+    export_network(network, taught, model := out / "model.onnx")
     with Progress(console=console) as bar:
         row = bar.add_task("proof", total=2 * drives)
-        held_out = examples_of(seen, places, contract, held_out=True)
         given = twin, held_out, drives, lambda _: bar.advance(row)
         before, proof = (prove(file, *given) for file in (path, model))
     proven = replace(taught, proof=proof)

@@ -35,15 +35,15 @@ class Examples(NamedTuple):
 
 def examples_of(
     drives: Sequence[Recorded],
-    places: Sequence[np.ndarray],
+    places: Sequence[np.ndarray | None],
     contract: PolicyContract,
     held_out: bool,
 ) -> Examples:
     """The moments that a person drove and the policy could have, of one part of each drive.
 
-    ``places`` (F, 3): where the robot was at each drive's pictures. Right is what the expert would
-    do from there on the way that was driven: a person weaves, and is late. Where they took over
-    from the policy, or there is no map, they knew better.
+    ``places`` (F, 3), with a map: where the robot was at each drive's pictures. Right is what the
+    expert would do from there on the way that was driven: a person weaves, and is late. Where they
+    took over from the policy, or there is no map, they knew better.
     """
     rows = []
     for drive, poses in zip(drives, places, strict=True):
@@ -58,7 +58,7 @@ def examples_of(
                 continue
             corrected = taken_s < TAKEOVER_S
             right_pm = steered_pm
-            if way is not None and not corrected:
+            if way is not None and poses is not None and not corrected:
                 arc_m = way.path.project(*poses[k, :2].tolist()).arc_m + EXPERT_AHEAD_M
                 right_pm = float(pursuit(way.path.batch, poses[k, None], np.array([arc_m]))[0])
             weight = TAKEOVER_WEIGHT if corrected else 1.0

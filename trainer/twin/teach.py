@@ -29,7 +29,6 @@ from trainer.division import division
 from trainer.export import check_equal, noise_seen
 from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.learners.policies import build_policy
-from trainer.relit import relit
 from trainer.resumable import descend, set_rate
 from trainer.twin.examples import Examples
 
@@ -105,11 +104,11 @@ def teach(
 ) -> None:
     """Let the network learn on, in place; it sees the twin through a ``translator``, if any.
 
-    Without a twin it learns what the person did, under other lights, as much as in the usual looks.
     ContractError: a policy of another vehicle or other actions, or of stacked pictures.
     """
     if contract.actions != FIVE_ACTIONS or contract.frames != 1:
         raise ContractError("teach: expected a policy of one picture and the five actions")
+    torch.set_num_threads(1)
     rng, robots = np.random.default_rng(seed), config.robots
     worlds = _worlds(contract, twin, config, seed, translator)
     optimiser = torch.optim.Adam(network.parameters(), config.rate)
@@ -141,10 +140,7 @@ def teach(
                 chosen = rng.choice(len(person.actions), config.recorded, p=shares)
                 wanted = np.concatenate((wanted, person.actions[chosen]))
                 told: dict[str, Any] = {"image": person.images, "path": person.paths}
-                recorded = {name: told[name][chosen] for name in drawn}
-                if twin is None:
-                    recorded["image"] = np.array([relit(p, rng) for p in recorded["image"]])
-                drawn = {n: np.concatenate((part, recorded[n])) for n, part in drawn.items()}
+                drawn = {n: np.concatenate((part, told[n][chosen])) for n, part in drawn.items()}
             features = network.features({n: torch.from_numpy(part) for n, part in drawn.items()})
             loss = cross_entropy(unhedged(network.head)(features), torch.from_numpy(wanted))
             descend(optimiser, loss, 10.0)
