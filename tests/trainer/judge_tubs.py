@@ -1,9 +1,9 @@
 """``python -m tests.trainer.judge_tubs FOLDER...``: teach by people's drives without a map.
 
 Each folder is a drive as `trainer.experiments.records` knows them, at a throttle of 0.6. ``teach``
-learns from its first part and is asked about the last 40 %, twenty frames later: in how many
-moments of clear steering it steers to the person's side, before and after; and how many turns it
-tells (left, straight, right, by the mean of its curvatures), as Table 1 of paper B counts.
+learns from its first part and is asked about the rest (``--judged``), twenty frames later: in how
+many moments of clear steering it steers to the person's side, before and after; and how many turns
+it tells (left, straight, right, by the mean of its curvatures), as Table 1 of paper B counts.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from robot.command_line import OneLineParser, whole
+from robot.command_line import OneLineParser, number, whole
 from robot.contract import DRIVE, FIVE_ACTIONS, PolicyContract, Stick, WheelSpeeds
 from robot.output import write_json
 from robot.recording.topics import Turn
@@ -27,7 +27,7 @@ from trainer.twin.examples import Examples, examples_of, foretold
 from trainer.twin.recorded import Recorded
 from trainer.twin.teach import TeachConfig, base_file, load_base, teach
 
-JUDGED, GAP, EVERY_S, THROTTLE = 0.4, 20, 0.05, 0.6
+GAP, EVERY_S, THROTTLE = 20, 0.05, 0.6
 _BENDS = [DRIVE.twist(WheelSpeeds(*wheels)) for wheels in FIVE_ACTIONS]
 BENDS_PM = np.array([bend.turn_radps / bend.forward_mps for bend in _BENDS])
 
@@ -88,9 +88,10 @@ def main() -> int:
     parser.add_argument("--base", default="lane_sight")
     parser.add_argument("--steps", type=whole(1, 100_000), default=900)
     parser.add_argument("--seeds", type=whole(1, 100), default=3)
+    parser.add_argument("--judged", type=number(0.05, 0.95), default=0.4, help="share of a drive")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
-    examples.HELD_OUT = JUDGED
+    examples.HELD_OUT = asked.judged
     torch.set_num_threads(1)
     rows = []
     for folder in asked.folders:
