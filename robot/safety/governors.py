@@ -51,7 +51,7 @@ _STOP_M = 0.05  # from the nose to the line: the middle of what is right
 _AT_M = 0.01  # before that place it is reached
 _STAY_M = 0.1  # who stands so near to a line stays, though the belief may move
 _BEHIND_M = -0.04  # a line under the robot is behind it
-_BRAKE_S = 0.6  # slower with what is left, so that a motor's lag does not carry it over the line
+_BRAKE_S = 0.5  # slower with what is left, so that a motor's lag does not carry it over the line
 _CREEP_MPS = 0.04
 _SAME_M = 0.12  # so near to each other two tellings mean one line
 _SURE = 2  # tellings of a line before it counts
@@ -169,7 +169,7 @@ class KeepApart:
 
 VIEWS_S = 0.4
 TOGETHER_S = 0.3  # so near to each other two arrive together
-LOOK_S = 1.2  # longer than it takes to see who came together with it
+LOOK_S = 0.9  # longer than `TOGETHER_S` and `VIEWS_S`: then it has seen who came together with it
 QUIET_S = 4.0  # in which nobody goes, although all wait: then the least name goes, then the next
 _STAND = Cap(0.0, "others go first at the junction")
 _UNTOLD = Cap(0.0, "nothing tells who is at the junction")

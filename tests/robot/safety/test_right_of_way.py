@@ -126,6 +126,14 @@ def test_who_goes_first(others: Tuple[Tuple[int, float, str], ...], looks: bool)
     assert (rule.look_s is not None) is looks
 
 
+@pytest.mark.parametrize(("after_s", "goes"), [(0.89, False), (0.91, True)])
+def test_it_looks_around_for_so_long_before_it_enters(after_s: float, goes: bool) -> None:
+    ahead = RoadAhead(junction=Junction(AtJunction(0, 5.0, "b")))
+    rule, _ = FirstCome().after(Road(5.0, 0.0, 0.0, ahead))
+    _, cap = rule.after(Road(5.0 + after_s, 0.0, 0.0, ahead))
+    assert (cap.most_mps > 0.0) is goes
+
+
 def test_one_that_never_goes_holds_nobody_up_for_ever_and_one_inside_does() -> None:
     broken = AtJunction(1, 0.0, "a")
     at = Junction(AtJunction(0, 5.0, "b"), (broken,))
