@@ -1,14 +1,14 @@
 """Robots without a localizer tell each other over the link where they believe to be."""
 
 import math
-from typing import Callable, Dict, Mapping, Optional, Sequence
+from typing import Callable, Mapping, Optional, Sequence
 
 import numpy as np
 
 from robot.geometry import Pose
 from robot.link.messages import PoseMessage, Telemetry
 from robot.navigation.lane_view import LaneView
-from robot.navigation.neighbours import STILL_MPS, Neighbours
+from robot.navigation.neighbours import Neighbours
 from robot.safety.road_ahead import RoadAhead
 
 BELIEVED_M = 0.05  # standard deviation of what a robot tells of its place
@@ -27,7 +27,6 @@ class Company(Neighbours):
         super().__init__(view, robot, BELIEVED_M)
         self._reports, self._turns = reports, 0
         self._said_s = dict.fromkeys(reports, -math.inf)
-        self._moved_s: Dict[str, float] = {}
 
     def hear(self, poses: Sequence[PoseMessage], now_s: float) -> None:
         """Nothing: by a localizer's poses everybody would be told of twice."""
@@ -46,9 +45,7 @@ class Company(Neighbours):
                 stamp = said.session, said.sequence, said.t_sent_s
                 told.append(PoseMessage(name, *said.pose, 1.0, said.t_sent_s, *stamp))
         for name, at_s in self._take(told, now_s).items():
-            if math.hypot(*self._tracks[name].velocity_mps) > STILL_MPS:
-                self._moved_s[name] = at_s
-            if long_m[name] <= KNOWN_M or at_s - self._moved_s.setdefault(name, at_s) > STANDS_S:
+            if long_m[name] <= KNOWN_M or at_s - self._tracks[name].moved_s > STANDS_S:
                 self._said_s[name] = at_s
         self._heard_s = min(self._said_s.values(), default=now_s)
         return super().ahead(now_s, pose, way_m)

@@ -98,6 +98,7 @@ class Traveller(NamedTuple):
     pose: Pose
     speed_mps: float
     line_m: float  # from its nose to the next red line
+    stands_s: float = 0.0  # for so long
 
 
 class Crossings:
@@ -106,7 +107,6 @@ class Crossings:
     def __init__(self, road_map: RoadMap) -> None:
         self._map = road_map
         self._known: Dict[str, Tuple[Tile, AtJunction]] = {}
-        self._moved_s: Dict[str, float] = {}
 
     def update(self, now_s: float, robots: Mapping[str, Traveller]) -> Dict[str, Junction]:
         """By name, the junctions of those who stand at one or are inside."""
@@ -120,11 +120,9 @@ class Crossings:
     def _at(self, now_s: float, name: str, robot: Traveller) -> Optional[Tuple[Tile, AtJunction]]:
         before = self._known.get(name)
         inside = self.inside(robot.pose)
-        if inside is None or robot.speed_mps > STILL_MPS:
-            self._moved_s[name] = now_s
-        if now_s - self._moved_s.setdefault(name, now_s) > _STANDS_S:
-            return None
         if inside is not None:
+            if robot.stands_s > _STANDS_S:
+                return None
             if before is not None and before[0] == inside:
                 return inside, replace(before[1], inside=True)
             return inside, AtJunction(_arm(robot.pose), now_s, name, inside=True)
@@ -219,7 +217,8 @@ class Neighbours:
     def _traveller(self, name: str) -> Traveller:
         track = self._tracks[name]
         line_m = self._view.line_ahead_m(track.pose) - NOSE_M
-        return Traveller(track.pose, math.hypot(*track.velocity_mps), line_m)
+        speed_mps = math.hypot(*track.velocity_mps)
+        return Traveller(track.pose, speed_mps, line_m, track.at_s - track.moved_s)
 
 
 class _Track:
@@ -228,6 +227,7 @@ class _Track:
     def __init__(self, name: str) -> None:
         self.pose, self.at_s, self.velocity_mps = Pose(0.0, 0.0, 0.0), -math.inf, (0.0, 0.0)
         self.headed = False  # its heading was seen once, at least
+        self.moved_s = -math.inf  # when it last drove, or was seen again
         self._gate = PoseGate(name)
         self._places: Deque[Tuple[float, Pose]] = deque()
 
@@ -245,4 +245,6 @@ class _Track:
         since_s, began = self._places[0]
         for_s = max(self.at_s - since_s, _SPAN_S)
         self.velocity_mps = (self.pose.x_m - began.x_m) / for_s, (self.pose.y_m - began.y_m) / for_s
+        if len(self._places) == 1 or math.hypot(*self.velocity_mps) > STILL_MPS:
+            self.moved_s = self.at_s
         return True

@@ -20,7 +20,7 @@ from robot.navigation.road_watch import RoadWatch
 from robot.safety.governors import Cap, Road, Rules, govern
 from robot.safety.road_ahead import RoadAhead
 from tests.robot.navigation.test_navigator import GOAL, TOWN, driving
-from tests.robot.navigation.test_others import CROSS
+from tests.robot.navigation.test_others import CROSS, WAITING
 from tests.thorough import count
 
 
@@ -222,6 +222,26 @@ class Clear(NamedTuple):
 
     def ahead(self, driven_m: float, now_s: float) -> RoadAhead:
         return RoadAhead()
+
+
+def test_who_has_stood_inside_for_fifteen_seconds_is_in_the_way_until_it_moves() -> None:
+    others = Neighbours(VIEW, "me")
+
+    def inside(now_s: float, y_m: float = 0.9) -> List[bool]:
+        stamp = (now_s, "a" * 16, round(10.0 * now_s), now_s)
+        seen = {"me": WAITING[0], "other": Pose(1.02, y_m, 0.5 * math.pi)}
+        others.hear([PoseMessage(name, *pose, 0.9, *stamp) for name, pose in seen.items()], now_s)
+        junction = others.ahead(now_s, WAITING[0], WAY).junction
+        assert junction is not None
+        return [other.inside for other in junction.others]
+
+    told = [inside(10.0 + TURN_S * k) for k in range(170)]
+    assert told == [[True]] * 151 + [[]] * 19
+    assert [inside(27.0 + TURN_S * k, 0.9 + 0.02 * k) for k in range(4)][3] == [True], "it moves"
+    assert inside(29.0, 0.96) == [True]
+    told = [inside(29.1 + TURN_S * k, 0.96) for k in range(155)]
+    assert told[-1] == []
+    assert inside(47.0, 0.96) == [True], "nobody knows whether it stood"
 
 
 def test_sight_alone_leads_nobody_into_a_junction() -> None:

@@ -119,20 +119,12 @@ def test_a_robot_is_inside_from_its_nose_to_its_tail_and_keeps_its_arm() -> None
     assert {at.own.arm for at in told.values() if at is not None} == {0}
 
 
-def test_who_stands_inside_for_long_is_only_in_the_way_until_it_moves() -> None:
-    crossings, here = Crossings(CROSS), Pose(1.02, 0.9, 0.5 * math.pi)
-
-    def others(now_s: float, speed_mps: float) -> List[bool]:
-        stuck = Traveller(here, speed_mps, math.inf)
-        found = crossings.update(now_s, {"r0": travellers()["r0"], "stuck": stuck})
-        return [other.inside for other in found["r0"].others]
-
-    assert others(10.0, 0.2) == [True]
-    assert others(24.9, 0.0) == [True]
-    assert others(25.1, 0.0) == []
-    assert others(25.2, 0.06) == [True], "it goes on"
-    assert others(40.1, 0.0) == [True]
-    assert others(40.3, 0.0) == []
+@pytest.mark.parametrize(("stands_s", "inside"), [(0.0, [True]), (14.9, [True]), (15.1, [])])
+def test_who_stands_inside_for_long_is_only_in_the_way(stands_s: float, inside: List[bool]) -> None:
+    stuck = Traveller(Pose(1.02, 0.9, 0.5 * math.pi), 0.0, math.inf, stands_s)
+    waits = Traveller(WAITING[0], 0.0, 0.05, 100.0)
+    found = Crossings(CROSS).update(10.0, {"r0": waits, "stuck": stuck})
+    assert [other.inside for other in found["r0"].others] == inside
 
 
 @pytest.mark.parametrize(
