@@ -191,7 +191,9 @@ class FirstCome:
 
     def after(self, road: Road) -> Tuple[FirstCome, Cap]:
         """See `Rule`."""
-        at = road.ahead.junction
+        at, line_m = road.ahead.junction, road.ahead.line_m
+        if at is None and line_m is not None and 0.0 <= line_m <= _STOP_M + _AT_M:
+            return FirstCome(), _UNTOLD  # poses that err do not tell yet that it stands there
         if at is None or at.own.inside:
             return FirstCome(), Cap()
         inside = [other.name for other in at.others if other.inside]

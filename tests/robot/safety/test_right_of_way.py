@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, field, replace
-from typing import Dict, Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 import pytest
@@ -131,6 +131,17 @@ def test_it_looks_around_for_so_long_before_it_enters(after_s: float, goes: bool
     ahead = RoadAhead(junction=Junction(AtJunction(0, 5.0, "b")))
     rule, _ = FirstCome().after(Road(5.0, 0.0, 0.0, ahead))
     _, cap = rule.after(Road(5.0 + after_s, 0.0, 0.0, ahead))
+    assert (cap.most_mps > 0.0) is goes
+
+
+@pytest.mark.parametrize(
+    ("line_m", "goes"), [(0.061, True), (0.059, False), (0.0, False), (-0.001, True), (None, True)]
+)
+def test_who_stands_at_a_line_goes_only_once_it_is_told_who_else_does(
+    line_m: Optional[float], goes: bool
+) -> None:
+    """Two robots met inside: one had stood at its line, which poses that err did not tell."""
+    _, cap = FirstCome().after(Road(9.0, 0.0, 0.0, RoadAhead(line_m=line_m)))
     assert (cap.most_mps > 0.0) is goes
 
 
