@@ -1,8 +1,9 @@
 """``python -m tests.trainer.compare_teach``: what of teaching brings how much, on judging floors.
 
-A base learns on by the twin, by recorded frames, by the twin as a CycleGAN shows it, or by all of
-these, each with several seeds; judged on the true floor, as by `tests.trainer.judge_teach`. With
-``--json`` it goes on where it was cut off.
+A base learns on by the twin, by recorded frames, by the twin as a CycleGAN shows it or as two
+networks do through a parser's classes, or by twin, CycleGAN and recorded frames, each with several
+seeds; judged on the true floor, as by `tests.trainer.judge_teach`. With ``--json`` it goes on where
+it was cut off.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from rich.console import Console
 from torch.nn.functional import cross_entropy
 
 from robot.command_line import OneLineParser, number, whole
+from robot.contract import ImageSpec
+from robot.inference.policy import OnnxTranslator, open_translator
 from robot.navigation.road_map import load_map
 from robot.output import write_json
 from robot.typed_config import read_json
@@ -29,14 +32,18 @@ from tests.trainer.virtual_drive import record_drive
 from trainer.export import export_network
 from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.resumable import descend, set_rate
+from trainer.transfer.cli import ParseOptions, Source, Sources, ThroughOptions
+from trainer.transfer.parser import train_parser
+from trainer.transfer.pictures import collect
+from trainer.transfer.pix2pix import translate_through
 from trainer.twin.examples import Examples, examples_of
 from trainer.twin.fit import fit_twin, write_twin
 from trainer.twin.recorded import read_drives
 from trainer.twin.teach import TeachConfig, base_file, load_base, teach
-from trainer.twin.translation import twin_to_real
+from trainer.twin.translation import FRAMES, twin_to_real
 
-VARIANTS = ("nothing", "twin", "recorded", "cyclegan", "all")
-UPDATES = 2_000  # of the CycleGAN
+VARIANTS = ("nothing", "twin", "recorded", "cyclegan", "parsing", "all")
+UPDATES = 2_000
 
 
 def by_recorded(network: GreedyNetwork, person: Examples, config: TeachConfig, seed: int) -> None:
@@ -54,6 +61,24 @@ def by_recorded(network: GreedyNetwork, person: Examples, config: TeachConfig, s
             seen["path"] = torch.from_numpy(person.paths[rows])
         logits = unhedged(network.head)(network.features(seen))
         descend(optimiser, cross_entropy(logits, torch.from_numpy(person.actions[rows])), 10.0)
+
+
+def through_parsing(
+    recording: Path, image: ImageSpec, out: Path, updates: int, seed: int, console: Console
+) -> OnnxTranslator:
+    """From the twin's pictures to the recorded ones, as `trainer translate through` makes it.
+
+    The parser learns from the twin, whose classes are known, and labels what was recorded.
+    """
+    sim, parsed = out / "sim", out / "parser"
+    collect(sim, Source(frames=FRAMES, look=str(out / "twin.yaml"), seed=seed))
+    parsed.mkdir()
+    options = ParseOptions(Sources(pairs=(str(sim),)), steps=updates, seed=seed)
+    train_parser(parsed, options, console)
+    run = ThroughOptions(
+        str(sim), str(recording), str(parsed / "parser.pt"), steps=updates, seed=seed
+    )
+    return open_translator(translate_through(out, run, console), image)
 
 
 def compare(
@@ -83,18 +108,19 @@ def compare(
             network, contract = load_base(base)
             person = examples_of(drives, twin.places, contract, held_out=False)
             nobody = Examples(*(None if part is None else part[:0] for part in person))
-            shown = None
+            shown, made = None, out / variant.replace("all", "cyclegan") / str(seed)
+            made.mkdir(parents=True, exist_ok=True)
+            (made / "twin.yaml").write_bytes((out / "twin.yaml").read_bytes())
             if variant in ("cyclegan", "all"):
-                made = out / str(seed)
-                made.mkdir(exist_ok=True)
-                (made / "twin.yaml").write_bytes((out / "twin.yaml").read_bytes())
-                shown = twin_to_real([path], contract.image, made, UPDATES, seed, console)
+                shown = twin_to_real([path], contract.image, made, options.updates, seed, console)
+            elif variant == "parsing":
+                shown = through_parsing(path, contract.image, made, options.updates, seed, console)
             if variant == "recorded":
                 by_recorded(network, person, config, seed)
             elif variant != "nothing":
                 told = person if variant == "all" else nobody
-                twin = load_map(options.map), looks
-                teach(network, contract, twin, told, config, seed, shown)
+                course = load_map(options.map), looks
+                teach(network, contract, course, told, config, seed, shown)
             export_network(network, contract, out / "model.onnx")
             maps = (options.map, *options.elsewhere)
             found = {at: succeeded(out / "model.onnx", at, look, options.drives) for at in maps}
@@ -119,6 +145,8 @@ def main() -> int:
     parser.add_argument("--seconds", type=number(20, 1200), default=180.0, help="of each drive")
     parser.add_argument("--drives", type=whole(1, 1000), default=50, help="of two laps, on each")
     parser.add_argument("--steps", type=whole(2, 10**6), default=900, help="of teaching")
+    told = "of the CycleGAN, and of each network of parsing"
+    parser.add_argument("--updates", type=whole(2, 10**6), default=UPDATES, help=told)
     parser.add_argument("--seeds", type=whole(1, 100), default=3, help="of teaching")
     parser.add_argument("--json", type=Path, required=True, help="write the figures, and go on")
     options = parser.parse_args()
