@@ -75,9 +75,8 @@ def through_parsing(
     parsed.mkdir()
     options = ParseOptions(Sources(pairs=(str(sim),)), steps=updates, seed=seed)
     train_parser(parsed, options, console)
-    run = ThroughOptions(
-        str(sim), str(recording), str(parsed / "parser.pt"), steps=updates, seed=seed
-    )
+    parser = str(parsed / "parser.pt")
+    run = ThroughOptions(str(sim), str(recording), parser, steps=-(-updates // 5), seed=seed)
     return open_translator(translate_through(out, run, console), image)
 
 
@@ -145,7 +144,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=number(20, 1200), default=180.0, help="of each drive")
     parser.add_argument("--drives", type=whole(1, 1000), default=50, help="of two laps, on each")
     parser.add_argument("--steps", type=whole(2, 10**6), default=900, help="of teaching")
-    told = "of the CycleGAN, and of each network of parsing"
+    told = "of the CycleGAN and the parser; five times those of what translates through it"
     parser.add_argument("--updates", type=whole(2, 10**6), default=UPDATES, help=told)
     parser.add_argument("--seeds", type=whole(1, 100), default=3, help="of teaching")
     parser.add_argument("--json", type=Path, required=True, help="write the figures, and go on")

@@ -6,7 +6,7 @@ another simulated world, which then stands for the real one (paper B, section 3.
 each pixel becomes the nearest class's colour.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +16,6 @@ from rich.console import Console
 from torch import nn
 from torch.nn import functional
 
-from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.policy import DIRECTIONS, TranslatorContract
@@ -26,6 +25,7 @@ from trainer.learners.backbone import centred
 from trainer.presets import preset
 from trainer.resumable import descend, run_steps, set_rate
 from trainer.transfer.cli import ThroughOptions
+from trainer.transfer.cyclegan import structure
 from trainer.transfer.labelled import LABEL_SETS, ROAD, LabelSet, load_pairs
 from trainer.transfer.networks import (
     as_bytes,
@@ -36,7 +36,7 @@ from trainer.transfer.networks import (
     through,
 )
 from trainer.transfer.parser import Parser, load_parser
-from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, pictures_of, spread
+from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, load_paint, load_pictures, spread
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,16 @@ class Pix2PixConfig:
     learning_rate: float = 2e-4
     momentum: float = 0.5  # Adam's first
     l1: float = 100.0
+    structure: float = 0.0  # weight of `cyclegan.structure` where `Pairs.lines` are told
 
 
 PIX2PIX = {
     "paper": Pix2PixConfig(),
-    "small": Pix2PixConfig(None, 16, 3, 2, batch=8, learning_rate=1e-3),
+    "small": Pix2PixConfig(None, 16, 3, 2, batch=8, learning_rate=1e-3, structure=100.0),
 }
+
+
+Drawn = tuple[torch.Tensor, torch.Tensor]  # given and wanted, (N, C, H, W) in [-1, 1]
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,9 @@ class Pairs:
 
     given: np.ndarray
     wanted: np.ndarray
+    lines: "Pairs | None" = None  # classes without a photograph; wanted is their paint (…, 4)
 
-    def draw(self, count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    def draw(self, count: int, rng: np.random.Generator) -> Drawn:
         """``count`` pairs (N, 3, H, W) in [-1, 1], half of them in the mirror."""
         chosen = rng.integers(len(self.given), size=count)
         mirrored = (rng.random(count) < 0.5)[:, None, None, None]
@@ -98,14 +103,21 @@ class Pix2Pix:
         pair = [resized(each, size, "bilinear") for each in (given, translation)]
         return self.critic(torch.cat(pair, 1))
 
-    def step(self, given: torch.Tensor, wanted: torch.Tensor) -> float:
-        """Teach both on pairs (N, 3, H, W); the L1 distance that was left, in [-1, 1]."""
-        made = self.generator.train()(given)
+    def step(self, given: torch.Tensor, wanted: torch.Tensor, lines: Drawn | None = None) -> float:
+        """Teach both on pairs (N, 3, H, W); the L1 distance that was left, in [-1, 1].
+
+        Parsers make bands of lines, photographs do not: those of ``lines`` lie where paint does.
+        """
+        classes, paint = lines or (given[:0], None)
+        both = self.generator.train()(torch.cat((given, classes)))
+        made, drawn = both.tensor_split([len(given)])
         real, fake = self.judged(given, wanted), self.judged(given, made.detach())
         descend(self.of_critic, 0.5 * (_belongs(real, 1.0) + _belongs(fake, 0.0)))
         distance = functional.l1_loss(made, wanted)
         fooled = _belongs(self.judged(given, made), 1.0)
-        descend(self.of_generator, fooled + self.config.l1 * distance)
+        moved = 0.0 if paint is None else structure(drawn, 0.5 * paint + 0.5)
+        told = self.config.l1 * distance + self.config.structure * moved
+        descend(self.of_generator, fooled + told)
         return float(distance.detach())
 
 
@@ -122,7 +134,8 @@ def teach_pairs(
 
     def step(rng: np.random.Generator, k: int) -> str:
         set_rate(optimisers, model.config.learning_rate * min(1.0, 2.0 - 2.0 * k / steps))
-        return f"L1 {model.step(*pairs.draw(model.config.batch, rng)):.3f}"
+        drawn = [each.draw(model.config.batch, rng) for each in (pairs, pairs.lines) if each]
+        return f"L1 {model.step(*drawn[0], *drawn[1:]):.3f}"
 
     run_steps(checkpoint, parts, steps, seed, step, checkpoint.stem, console)
     return model.generator.eval()
@@ -153,6 +166,9 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     virtual = _virtual(run.sim, image, labels)
     if run.parser:
         real = _real(Path(run.real), load_parser(Path(run.parser)), image)
+        if PIX2PIX[run.net].structure:
+            paint = load_paint(load_pictures([Path(run.sim)], image), image)
+            real = replace(real, lines=Pairs(virtual.wanted, np.moveaxis(paint, 1, 3)))
     else:
         other = _virtual(run.real, image, labels)
         real = Pairs(other.wanted, other.given)
@@ -188,7 +204,7 @@ def _real(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
     """What a parser sees in photographs, painted, and the photographs."""
     if parser.labels is not ROAD:
         raise ConfigError(f"parser: expected one of labels road, got {parser.labels.name!r}")
-    frames = np.stack([fit_to_frame(picture) for picture in pictures_of(photographs)])
+    frames = load_pictures([photographs], ImageSpec()).images
     seen = ROAD.paint(parser.parse(preprocess_batch(frames, parser.image)))
     whole = [cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen]
     return Pairs(_small(np.stack(whole), ROAD, image), preprocess_batch(frames, image))

@@ -263,6 +263,6 @@ def test_the_weights_of_cyclegan() -> None:
 
 def test_the_weights_of_pix2pix() -> None:
     paper, small = PIX2PIX["paper"], PIX2PIX["small"]
-    assert paper == Pix2PixConfig((256, 256), 64, 8, 3, 16, 2e-4, 0.5, 100.0)
-    assert small == Pix2PixConfig(None, 16, 3, 2, 8, 1e-3, 0.5, 100.0)
+    assert paper == Pix2PixConfig((256, 256), 64, 8, 3, 16, 2e-4, 0.5, 100.0, 0.0)
+    assert small == Pix2PixConfig(None, 16, 3, 2, 8, 1e-3, 0.5, 100.0, 100.0)
     assert small.size is None

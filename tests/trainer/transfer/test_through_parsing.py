@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ from robot.inference.policy import OnnxTranslator
 from trainer.cli import main
 from trainer.learners.backbone import centred
 from trainer.presets import preset
+from trainer.transfer import pix2pix
 from trainer.transfer.cli import ParseOptions, ThroughOptions
 from trainer.transfer.labelled import ROAD
 from trainer.transfer.networks import SEGNETS, as_bytes
@@ -86,6 +88,45 @@ def test_a_stripe_is_parsed_where_it_is() -> None:
     painted = ((found + 1.0) * 127.5).round().astype(np.uint8)
     assert set(np.unique(ROAD.read(painted))) <= set(range(len(ROAD.classes)))
     assert np.mean(ROAD.read(painted) == ROAD.read(test.wanted)) > 0.97
+
+
+def test_lines_stay_where_no_photograph_shows_any() -> None:
+    """Photographs without lines teach to paint none; told where paint is, it is painted there."""
+    rng = np.random.default_rng(0)
+    shown = stripes(16, rng)
+    paint = np.zeros((16, 16, 32, 4), np.uint8)
+    paint[..., 1] = 255 * (ROAD.read(shown.wanted) == CLASS["yellow_line"])
+    paint[..., 3] = 255 - paint[..., 1]
+    bare = np.full_like(shown.given, 60)
+    contrasts = []
+    for lines in (None, Pairs(shown.wanted, paint)):
+        model = Pix2Pix(replace(TINY, structure=100.0), 0)
+        pairs = Pairs(shown.wanted, bare, lines)
+        for _ in range(60):
+            drawn = [each.draw(4, rng) for each in (pairs, lines) if each]
+            model.step(*drawn[0], *drawn[1:])
+        with torch.no_grad():
+            made = model.generator.eval()(centred(torch.from_numpy(shown.wanted)))[:, :2].mean(1)
+        painted = torch.from_numpy(paint[..., 1] > 0)
+        contrasts.append(float(made[painted].mean() - made[~painted].mean()))
+    assert abs(contrasts[0]) < 0.05 < 0.15 < contrasts[1]
+
+
+@pytest.mark.parametrize(("net", "told"), [("small", [False, True]), ("paper", [False, False])])
+def test_only_the_small_network_is_told_where_lines_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, net: str, told: list[bool]
+) -> None:
+    """And of its halves the second, which knows lines by a parser alone."""
+    seen = []
+
+    def untaught(model: Pix2Pix, pairs: Pairs, *_: object) -> torch.nn.Module:
+        seen.append(pairs.lines is not None)
+        return model.generator.eval()
+
+    monkeypatch.setattr(pix2pix, "teach_pairs", untaught)
+    inputs, out = write_inputs(tmp_path, (60, 80)), str(tmp_path / "run")
+    assert main(["parse", "translate", "--out", out, *inputs, "--net", net]) == 0
+    assert seen == told
 
 
 def test_between_the_networks_each_pixel_is_the_nearest_classes_colour() -> None:
