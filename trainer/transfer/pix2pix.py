@@ -106,7 +106,7 @@ class Pix2Pix:
     def step(self, given: torch.Tensor, wanted: torch.Tensor, lines: Drawn | None = None) -> float:
         """Teach both on pairs (N, 3, H, W); the L1 distance that was left, in [-1, 1].
 
-        Parsers make bands of lines, photographs do not: those of ``lines`` lie where paint does.
+        ``lines``: classes that no photograph shows, and the paint that must appear in them.
         """
         classes, paint = lines or (given[:0], None)
         both = self.generator.train()(torch.cat((given, classes)))
