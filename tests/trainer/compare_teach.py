@@ -66,7 +66,7 @@ def by_recorded(network: GreedyNetwork, person: Examples, config: TeachConfig, s
 def through_parsing(
     recording: Path, image: ImageSpec, out: Path, updates: int, seed: int, console: Console
 ) -> OnnxTranslator:
-    """From the twin's pictures to the recorded ones, as `trainer translate through` makes it.
+    """From the twin's pictures to the recorded ones, as `trainer parse translate` makes it.
 
     The parser learns from the twin, whose classes are known, and labels what was recorded.
     """
@@ -144,7 +144,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=number(20, 1200), default=180.0, help="of each drive")
     parser.add_argument("--drives", type=whole(1, 1000), default=50, help="of two laps, on each")
     parser.add_argument("--steps", type=whole(2, 10**6), default=900, help="of teaching")
-    told = "of the CycleGAN and the parser; five times those of what translates through it"
+    told = "of the CycleGAN and of the parser; what translates through it takes a fifth"
     parser.add_argument("--updates", type=whole(2, 10**6), default=UPDATES, help=told)
     parser.add_argument("--seeds", type=whole(1, 100), default=3, help="of teaching")
     parser.add_argument("--json", type=Path, required=True, help="write the figures, and go on")

@@ -24,7 +24,7 @@ from trainer.transfer.judge import lanes_kept
 from trainer.transfer.labelled import ROAD
 from trainer.transfer.networks import as_bytes, through
 from trainer.transfer.pictures import load_paint, load_pictures
-from trainer.transfer.pix2pix import PIX2PIX, Pix2Pix, ThroughParsing, _virtual
+from trainer.transfer.pix2pix import PIX2PIX, Pix2Pix, ThroughParsing, simulated_pairs
 
 DARK, LIGHT = 60, 240  # road and paint [grey levels]
 LINES = tuple(ROAD.classes.index(name) for name in ("white_line", "yellow_line"))
@@ -48,7 +48,7 @@ def kept(run: Path, collection: Path) -> dict[str, float]:
     """Shares of the lines that are kept, stage by stage."""
     image = preset("lane", "dueling", "fast").image
     simulated = load_pictures([collection], image)
-    paint, true = load_paint(simulated, image), _virtual(str(collection), image, ROAD).wanted
+    paint, true = load_paint(simulated, image), simulated_pairs(str(collection), image, ROAD).wanted
     network = ThroughParsing(
         *(half(run / f"{n}.pt") for n in ("virtual_to_parsing", "parsing_to_real"))
     )

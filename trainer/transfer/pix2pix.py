@@ -163,14 +163,14 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     ConfigError if the simulator's frames, the photographs or the parser do not fit.
     """
     image, labels = preset(run.task, "dueling", run.preset).image, LABEL_SETS[run.labels]
-    virtual = _virtual(run.sim, image, labels)
+    virtual = simulated_pairs(run.sim, image, labels)
     if run.parser:
         real = _real(Path(run.real), load_parser(Path(run.parser)), image)
         if PIX2PIX[run.net].structure:
             paint = load_paint(load_pictures([Path(run.sim)], image), image)
             real = replace(real, lines=Pairs(virtual.wanted, np.moveaxis(paint, 1, 3)))
     else:
-        other = _virtual(run.real, image, labels)
+        other = simulated_pairs(run.real, image, labels)
         real = Pairs(other.wanted, other.given)
     halves = []
     for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real)):
@@ -193,7 +193,7 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     return path
 
 
-def _virtual(collection: str, image: ImageSpec, labels: LabelSet) -> Pairs:
+def simulated_pairs(collection: str, image: ImageSpec, labels: LabelSet) -> Pairs:
     """A simulator's frames and their labels painted."""
     data = load_pairs(Path(collection), labels, FRAME)
     classes = _small(labels.paint(data.truth), labels, image)
