@@ -18,14 +18,14 @@ from robot.vision.sight import Glimpse, Seen
 MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
 _NEAR_M = 0.3  # before a line, or a little over it
 _ANYBODY = Junction(AtJunction(0, math.inf, ""), (AtJunction(0, 0.0, "", inside=True),))
-THING = 0.8  # probability above which something is in the way
+THING, STILL = 0.8, 0.5  # probability above which something is in the way, and still is
 CLEAR = 3  # pictures in a row without it, after which it is gone
 FRESH_S = 0.5  # older pictures tell nothing of the road
 
 
 class WaySeen:
-    """What is in the way counts from the first picture that shows it, and is remembered by the
-    wheels' steps until some in a row show nothing: to stand for nothing is no harm."""
+    """What is in the way counts from the first picture that is sure of it, and is remembered by the
+    wheels' steps until some in a row show rather nothing: to stand for nothing is no harm."""
 
     def __init__(self) -> None:
         self._seen, self._at_m, self._clear, self._at_s = RoadAhead(), 0.0, 0, -math.inf
@@ -33,7 +33,7 @@ class WaySeen:
     def see(self, seen: Seen, driven_m: float, now_s: float) -> None:
         """A new picture, after so much driven; without a number the way is not free."""
         way = RoadAhead()
-        if not seen.thing[0] <= THING:
+        if not seen.thing[0] <= (THING if self._seen.free_m == math.inf else STILL):
             way = RoadAhead(float(seen.figures[0, 4]), float(seen.deviations[0, 4]))
         self._at_s = now_s
         self._clear = self._clear + 1 if way.free_m == math.inf else 0

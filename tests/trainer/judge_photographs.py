@@ -52,7 +52,7 @@ SEERS = tuple(
     SHIPPED_MODELS / f"{name}.onnx"
     for name in (
         *("lane_sight", "lane_coached", "lane_dueling", "lane_ppo"),
-        *("nav_sight", "nav_dueling", "nav_ppo", "sight", "sight_photographed"),
+        *("nav_sight", "nav_dueling", "nav_ppo", "sight"),
     )
 )
 _SPACING_M = 0.075  # a dash and a gap of Duckietown's yellow tape

@@ -21,10 +21,10 @@ _ANEW = 0.08  # chance in a decision that others stand there
 _THERE = 0.35  # of one of them to stand there at all
 _FROM_AXLE_M = (0.12, 1.0)
 _ON_LANE = 0.4  # their share
-_HALF_LANE_M, _HALF_BESIDE_M = 0.08, 0.5
+_HALF_LANE_M, _EDGE_M, _BESIDE_M = 0.08, 0.09, 0.41  # most ducks beside it stand by its edge
 _ROBOTS_LEFT_M = (0.23, -0.26)  # of the lane's middle: who comes the other way, who is parked
 _LOW_M = 0.1  # what begins higher is in nobody's way
-_MARGIN_M = 0.03  # so far beside what is in the way nobody can tell
+_WIDE, _WIDER = 1.2, 1.4  # times its width what is no duck is in the way, and nobody can tell
 
 
 class Bystanders(Navigation):
@@ -49,16 +49,15 @@ class Bystanders(Navigation):
         rng, shape = self._rng, self._places.shape[:2]
         robots = np.arange(shape[1]) >= _DUCKS
         off = rng.uniform(-1.0, 1.0, shape)
-        beside_m = np.where(robots, rng.choice(_ROBOTS_LEFT_M, shape), _HALF_BESIDE_M * off)
-        on_lane = rng.random(shape) < _ON_LANE
-        left_m = np.where(on_lane, _HALF_LANE_M * off, beside_m)
+        ducks_m = np.sign(off) * (_EDGE_M + _BESIDE_M * off**2)
+        beside_m = np.where(robots, rng.choice(_ROBOTS_LEFT_M, shape), ducks_m)
+        left_m = np.where(rng.random(shape) < _ON_LANE, _HALF_LANE_M * (1 + robots) * off, beside_m)
         arc_m = self.course.arc_m[:, None] + rng.uniform(*_FROM_AXLE_M, shape)
         along, points = self.paths.headings_at(arc_m), self.paths.points_at(arc_m)
         aside = np.stack((-np.sin(along), np.cos(along)), axis=-1)
         turned = rng.uniform(-1.0, 1.0, shape) * np.where(robots, 0.2, math.pi)
         turned += np.where(robots & (left_m > 0.5 * _ROBOTS_LEFT_M[0]), math.pi, 0.0)
-        where = points + left_m[..., None] * aside
-        places = np.concatenate((where, (along + turned)[..., None]), axis=-1)
+        places = np.dstack((points + left_m[..., None] * aside, along + turned))
         places[rng.random(shape) > _THERE] = np.nan
         return places
 
@@ -96,6 +95,7 @@ def clear_m(view: LaneView, pose: Pose, others: Sequence[Other]) -> tuple[float,
     way_m = view.way(pose, AHEAD_M) if near else None
     if way_m is None:
         return math.inf, math.inf
-    wider = [o._replace(half_m=o.half_m + _MARGIN_M) for o in near]
-    most_m, least_m = (free_way(way_m, pose, each).free_m for each in (near, wider))
+    wide = [o._replace(half_m=_WIDE * o.half_m) if o.half_m > HALF_DUCK_M else o for o in near]
+    wider = [o._replace(half_m=_WIDER * o.half_m) for o in near]
+    most_m, least_m = (free_way(way_m, pose, each).free_m for each in (wide, wider))
     return most_m, least_m

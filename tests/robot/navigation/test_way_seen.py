@@ -35,6 +35,20 @@ def test_it_is_forgotten_only_after_several_pictures_without_it() -> None:
     assert way.ahead(0.0, 0.0).free_m == math.inf
 
 
+def test_what_was_sure_still_stands_there_when_pictures_doubt_it() -> None:
+    way = WaySeen()
+    way.see(picture(0.75), 0.0, 0.0)
+    assert way.ahead(0.0, 0.0).free_m == math.inf
+    for thing in (0.85, 0.55, 0.55, 0.55, 0.55):
+        way.see(picture(thing), 0.0, 0.0)
+        assert way.ahead(0.0, 0.0).free_m == 0.3
+    for _ in range(CLEAR):
+        way.see(picture(0.45), 0.0, 0.0)
+    assert way.ahead(0.0, 0.0).free_m == math.inf
+    way.see(picture(0.75), 0.0, 0.0)
+    assert way.ahead(0.0, 0.0).free_m == math.inf
+
+
 def test_the_newest_picture_counts_whatever_was_before() -> None:
     way = WaySeen()
     way.see(picture(0.9, 0.3), 0.0, 0.0)
