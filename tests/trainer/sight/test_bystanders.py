@@ -47,7 +47,7 @@ def test_a_duck_beside_the_lane_leaves_it_free(left_m: float) -> None:
 
 
 def test_what_stands_at_the_edge_of_the_lane_is_nobodys_question() -> None:
-    assert label(VIEW, POSE, [duck(0.3, 0.12)])[THING] == -1.0
+    assert label(VIEW, POSE, [duck(0.3, 0.126)])[THING] == -1.0
 
 
 def test_a_robot_that_cuts_the_corner_is_in_the_way_sooner_than_it_touches() -> None:
@@ -55,7 +55,7 @@ def test_a_robot_that_cuts_the_corner_is_in_the_way_sooner_than_it_touches() -> 
         place = Other(POSE[0] + WAY * 0.3, Y + WAY * left_m, half_m=HALF_ROBOT_M)
         return label(VIEW, POSE, [place])[THING]
 
-    assert [robot(0.18), robot(-0.18), robot(0.22)] == [1.0, 1.0, 0.0]
+    assert [robot(0.18), robot(-0.18), robot(0.2), robot(0.22)] == [1.0, 1.0, -1.0, 0.0]
 
 
 def test_a_duck_far_ahead_or_behind_leaves_the_lane_free() -> None:
