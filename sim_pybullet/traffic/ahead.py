@@ -37,18 +37,24 @@ def nearest(first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _in_front(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
     """(N, B) how far ahead bodies (N, B, 2) are along the robots' headings [m]."""
-    delta = bodies - poses[:, None, :2]
-    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    return np.asarray(c * delta[..., 0] + s * delta[..., 1])
+    x, y = np.moveaxis(bodies - poses[:, None, :2], -1, 0)
+    return np.asarray(np.cos(poses[:, 2:]) * x + np.sin(poses[:, 2:]) * y)
 
 
-def along(points: np.ndarray, free_m: np.ndarray) -> np.ndarray:
-    """(..., 2) directions of ways (..., K, 2) where they are no longer free: in a bend somebody
+def meeting(
+    points: np.ndarray, poses: np.ndarray, body: np.ndarray, near_m: np.ndarray, free_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far (...,) exactly ways (..., K, 2), free for ``free_m`` as by `nearest`, lead until they
+    are ``near_m`` from a body (..., 2); and their directions there (..., 2): in a bend somebody
     ahead goes elsewhere than who follows, and yet no slower."""
-    last = np.clip(np.rint(free_m / STEP_M).astype(int), 1, points.shape[-2] - 1)[..., None, None]
-    step = np.take_along_axis(points, last, -2) - np.take_along_axis(points, last - 1, -2)
-    step = step[..., 0, :]
-    return np.asarray(step / np.maximum(np.hypot(step[..., :1], step[..., 1:]), 1e-9))
+    k = np.minimum(np.rint(free_m / STEP_M).astype(int), points.shape[-2] - 1)[..., None, None]
+    ways = np.concatenate((poses[..., None, :2], points), axis=-2)
+    start, end = (np.take_along_axis(ways, at, -2)[..., 0, :] for at in (k, k + 1))
+    step_m = np.maximum(np.hypot(*np.moveaxis(end - start, -1, 0)), 1e-9)
+    way, off = (end - start) / step_m[..., None], body - start
+    along_m = (off * way).sum(-1)
+    more_m = along_m - np.sqrt(np.maximum(near_m**2 - (off**2).sum(-1) + along_m**2, 0.0))
+    return free_m + np.clip(more_m, 0.0, STEP_M), way
 
 
 def behind(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:

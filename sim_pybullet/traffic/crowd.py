@@ -13,7 +13,7 @@ from robot.navigation.path import PathBatch
 from sim_pybullet.scene import Mover
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic import drivers, ducks
-from sim_pybullet.traffic.ahead import AHEAD_M, NOTHING, STEP_M, along, nearest, steps_ahead
+from sim_pybullet.traffic.ahead import AHEAD_M, NOTHING, STEP_M, meeting, nearest, steps_ahead
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
@@ -217,10 +217,12 @@ class Crowd:
         free_m = nearest(steps)[0].reshape(groups, cars)
         now = nearest(steps[:, : len(self.kinds)])
         now_m, what = (each.reshape(groups, cars) for each in now)
-        others = np.take_along_axis(theirs, np.maximum(what, 0)[..., None], axis=1)
-        closing = np.hypot(mine[..., 0], mine[..., 1]) - (others * along(points, now_m)).sum(-1)
+        whom = np.maximum(what, 0)
+        others, there = (np.take_along_axis(each, whom[..., None], 1) for each in (theirs, xy_m))
+        apart_m, way = meeting(points, everyone, there, clear_m[whom], now_m)
+        closing = np.hypot(mine[..., 0], mine[..., 1]) - (others * way).sum(-1)
         meets = (what != NOTHING) & (closing > STANDS_MPS)
-        ttc_s = np.where(meets, now_m / np.maximum(closing, STANDS_MPS), np.inf)
+        ttc_s = np.where(meets, apart_m / np.maximum(closing, STANDS_MPS), np.inf)
         return self._approach(everyone, points, free_m, ttc_s)
 
     def think(self, poses: np.ndarray, velocities: np.ndarray, approach: Approach) -> None:

@@ -89,7 +89,5 @@ class Drivers:
         phase = self.arc_m / _WEAVE_EVERY_M + self._weave_rad
         left_m = _WEAVE_M * np.sin(phase) - _RIGHT_M
         askew = _WEAVE_M / _WEAVE_EVERY_M * np.cos(phase)
-        poses = np.stack(
-            (x - left_m * np.sin(heading), y + left_m * np.cos(heading), heading + askew), axis=-1
-        )
-        return np.where(self._here[..., None], poses, np.nan)
+        x, y = x - left_m * np.sin(heading), y + left_m * np.cos(heading)
+        return np.where(self._here[..., None], np.stack((x, y, heading + askew), axis=-1), np.nan)

@@ -22,11 +22,8 @@ def lamps(phase: int) -> Mover:
         x_m, y_m = forward_m * math.cos(turned_rad), forward_m * math.sin(turned_rad)
         go = face % 2 == phase
         for base_m, rgb in ((_RED_M, _DARK if go else _RED), (_GREEN_M, _GREEN if go else _DARK)):
-            size_m = (0.006, _LAMP_M, _LAMP_M)
-            lamp = Solid(
-                "box", x_m + 0.018, y_m, turned_rad, size_m, rgb, SemanticClass.SIGN, base_m
-            )
-            found.append(lamp)
+            where, size_m = (x_m + 0.018, y_m, turned_rad), (0.006, _LAMP_M, _LAMP_M)
+            found.append(Solid("box", *where, size_m, rgb, SemanticClass.SIGN, base_m))
     return tuple(found)
 
 
@@ -39,18 +36,14 @@ class Lights:
         self._periods_s, self._clocks_s = np.full((2, groups, count), 5.0)
 
     def begin(
-        self,
-        group: int,
-        lights: tuple[MapObject, ...],
-        junctions: np.ndarray,
-        rng: np.random.Generator,
+        self, group: int, lights: tuple[MapObject, ...], at: np.ndarray, rng: np.random.Generator
     ) -> None:
-        """The lights of one group, each of a junction (K,), at a random moment."""
+        """The lights of one group, each of a junction ``at`` (K,), at a random moment."""
         count = len(lights)
         self.places[group], self.junctions[group] = np.nan, -1
         for k, light in enumerate(lights):
             self.places[group, k] = light.x_m, light.y_m, light.heading_rad
-        self.junctions[group, :count] = junctions
+        self.junctions[group, :count] = at
         self._periods_s[group] = rng.uniform(*PERIOD_S, self._periods_s.shape[1])
         self._clocks_s[group] = rng.uniform(0.0, 2.0 * self._periods_s[group])
 

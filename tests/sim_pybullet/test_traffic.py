@@ -105,6 +105,18 @@ def test_whose_fault_a_collision_is(ahead_m: float, moves_m: float, whom: int, f
     assert (step.terms[-1, 0] < 0.0) == bool(fault)
 
 
+@pytest.mark.parametrize("ahead_m", [0.31, 0.33, 0.35])
+def test_the_time_to_a_collision_is_as_long_as_the_way_there(ahead_m: float) -> None:
+    task = traffic(robots_parked=("parked",), delta_y_m=0.0, theta_tol_deg=0.0)
+    (pose,) = task.reset(np.array([0]), np.random.default_rng(0))
+    ahead = np.array((np.cos(pose[2]), np.sin(pose[2]), 0.0))
+    task.crowd.parked[0, 0] = pose + ahead_m * ahead
+    task.step((pose + 0.03 * ahead)[None], np.zeros(1, dtype=bool))
+    step = task.step((pose + 0.06 * ahead)[None], np.zeros(1, dtype=bool))
+    least_ttc_s = step.facts[task.fact_names.index("least_ttc_s"), 0]
+    assert least_ttc_s == pytest.approx((ahead_m - 0.06 - 0.15) / 0.3, abs=0.01)
+
+
 def test_cars_that_obey_nobody_and_sleep_drive_through_nobody() -> None:
     npcs = tuple(f"npc{k}" for k in range(7))
     how = {"robots_npcs": npcs, "npc_obeying": 0.0, "npc_mistakes_per_min": 30.0, "min_dist": 0.3}

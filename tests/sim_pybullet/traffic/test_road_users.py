@@ -5,13 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robot.errors import ConfigError, MapError
 from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from sim_pybullet.rendering.solid_geometry import solid_rows
-from sim_pybullet.traffic.ahead import AHEAD_M, along, nearest, steps_ahead
+from sim_pybullet.traffic.ahead import AHEAD_M, meeting, nearest, steps_ahead
 from sim_pybullet.traffic.crowd import Approach, Crowd, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
@@ -34,14 +36,25 @@ def test_a_robot_sees_what_is_ahead_on_its_path_and_nothing_else() -> None:
     assert free_m > 0.95
 
 
+@given(st.floats(0.1, 0.9), st.floats(-0.14, 0.14))
+def test_how_far_it_is_to_a_body_is_told_exactly(x_m: float, y_m: float) -> None:
+    near_m = 0.15
+    points = np.stack((AHEAD_M, 0.0 * AHEAD_M), axis=-1)[None]
+    body = np.array([[(x_m, y_m)]])
+    free_m, _ = nearest(steps_ahead(points, np.zeros((1, 3)), body, np.full((1, 1), near_m)))
+    told = meeting(points, np.zeros((1, 3)), body[:, 0], np.full(1, near_m), free_m)
+    assert told[0] == pytest.approx(max(x_m - np.sqrt(near_m**2 - y_m**2), 0.0), abs=1e-9)
+    np.testing.assert_allclose(told[1], [(1.0, 0.0)])
+
+
 def test_who_leads_through_a_bend_goes_on_along_it() -> None:
     turn = AHEAD_M[:20] / 0.2
     bend = 0.2 * np.stack((np.sin(turn), 1.0 - np.cos(turn)), axis=-1)
     for free_m in (0.0, 0.2, 0.6):
-        k = max(round(free_m / 0.04), 1) - 0.5
-        heading = (k + 1.0) * 0.04 / 0.2
+        heading = (free_m + 0.02) / 0.2
         expected = np.array((np.cos(heading), np.sin(heading)))
-        np.testing.assert_allclose(along(bend, np.array(free_m)), expected, atol=1e-9)
+        _, way = meeting(bend, np.zeros(3), np.zeros(2), np.zeros(1), np.array(free_m))
+        np.testing.assert_allclose(way, expected, atol=1e-9)
 
 
 def test_a_duck_waits_crosses_at_its_speed_and_comes_back() -> None:
