@@ -13,18 +13,21 @@ from rich.console import Console
 
 from robot.contract import PolicyContract, Proof, Stick
 from robot.errors import ConfigError, ContractError
-from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, read_contract
 from robot.navigation.path import path_input
 from robot.navigation.road_map import load_map
 from robot.recording.drive_file import png
 from robot.recording.reader import Sample
 from robot.recording.topics import Turn
+from sim_pybullet.episodes import NumberedEpisodes
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.navigation import RandomRoutes
 from tests.tools.recorded import recorded
 from tools.data.drives import write_drive
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
+from trainer.twin import proof as proofs
 from trainer.twin import translation
 from trainer.twin.cli import fit_command, teach_command
 from trainer.twin.examples import AHEAD_M, Examples, examples_of, foretold, ways_driven
@@ -151,6 +154,26 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     export_network(network, replace(taught, proof=proof), model)
     assert OnnxPolicy(model).contract.proof == proof
     assert "proven to 0% of drives" in OnnxPolicy(model).contract.unproven
+
+
+def test_each_drive_of_a_proof_has_a_floor_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def ridden(*given: Any, lane: str | None) -> list[Any]:
+        assert lane == "both"
+        asked.extend(given[4])
+        episodes = NumberedEpisodes(given[2], given[3], len(given[4]), 0, given[4])
+        floors = [episodes.setting(k, 0)[1] for k in range(len(given[4]))]
+        assert len(set(map(id, floors))) == len(floors)
+        return []
+
+    monkeypatch.setattr(proofs, "ridden", ridden)
+    contract = read_contract(base_file("lane_coached"))
+    nobody = Examples(np.zeros((0, *contract.picture_shape), np.uint8), None, *[np.zeros(0)] * 3)
+    twin = load_map("loop"), load_look_sampler("randomised")
+    proofs.prove(base_file("lane_coached"), twin, nobody, 24, print)
+    assert len(set(asked)) == 24
+    assert sum(number % 2 for number in asked) == 12, "rings are driven in both directions"
 
 
 def test_only_the_twin_is_seen_through_a_translator() -> None:

@@ -11,14 +11,14 @@ from scipy.stats import mannwhitneyu
 from robot.contract import Proof
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.episodes import Looks
+from sim_pybullet.episodes import EPISODES_OF_A_WORLD, Looks
 from sim_pybullet.tasks.spec import find_task
 from trainer.judging.blocks import ROBOTS
 from trainer.judging.evaluate import Ride, ridden
 from trainer.judging.intervals import share
 from trainer.twin.examples import Examples, foretold
 
-FIRST = 50_000  # number of the first drive of a proof
+FIRST, APART = 50_000, EPISODES_OF_A_WORLD + 1  # numbers of a proof's drives: no floor is shared
 DOUBT = 0.003  # greatest chance that failures differ so by luck, of each of ``_WORDS``
 # What is said where failures have more of something than successes, or less (-1).
 _WORDS = (
@@ -50,7 +50,7 @@ def prove(
         return Proof(0, 0, 0.0, 1.0, steered, same, f"never driven; {foretells}")
     (road_map, looks), task = twin, policy.contract.task
     rings = bool(find_task(task).lanes)
-    numbers, lane = range(FIRST, FIRST + drives), "both" if rings else None
+    numbers, lane = range(FIRST, FIRST + APART * drives, APART), "both" if rings else None
     done: list[tuple[bool, Ride]] = []
     for some in (numbers[k : k + ROBOTS] for k in range(0, drives, ROBOTS)):
         for drive, ride in ridden(policy, task, [road_map], looks, some, lane=lane):

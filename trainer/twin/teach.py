@@ -39,7 +39,7 @@ USUAL = ("randomised", "wide")  # looks that are not to be forgotten
 class TeachConfig:
     """How much of what."""
 
-    steps: int = 900  # decisions of each robot
+    steps: int = 2_700  # decisions of each robot
     robots: int = 12  # in each of the two worlds
     batch: int = 128  # frames of worlds in an update; recorded ones come on top
     recorded: int = 32  # recorded frames in an update
