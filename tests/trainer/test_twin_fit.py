@@ -166,6 +166,17 @@ def test_a_wrong_minimum_is_not_believed(tmp_path: Path, monkeypatch: pytest.Mon
         assert found["camera.height_m"][0] == pytest.approx(look.camera.height_m, abs=0.008)
 
 
+@thorough.only
+def test_the_best_camera_is_chosen_by_all_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fit, "TRACKED", 40)
+    look = load_look_sampler("wide/day")(np.random.default_rng((4, 321)))
+    path = record_drive(look, "rings/claw", 90.0, 4, tmp_path / "day.mcap")
+    found = fit_twin([read_drive(path)]).look.camera  # by twelve of them it was 18 mm lower
+    assert found.height_m == pytest.approx(look.camera.height_m, abs=0.008)
+
+
 def test_a_camera_that_explains_nearly_as_much_is_a_rival() -> None:
     best = Fitted(USUAL, USUAL, np.zeros((1, 3)), 0.95)
     higher = best._replace(values=USUAL + 0.02 * (np.array(NAMES_SEEN) == "height_m"), share=0.94)

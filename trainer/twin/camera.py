@@ -36,7 +36,7 @@ FAR_M = 0.9
 WIDTHS = (0.8, 1.0, 1.2)
 TRIED_M = (0.09, 0.13)  # heights to begin with, and pitches
 TRIED_RAD = np.radians((-8.0, -4.0, 0.0, 4.0, 8.0))
-FINALISTS = 3  # of those begun with go on
+FINALISTS = 3  # of those begun with go on, by all pictures
 PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
 APART_M, APART_RAD = 0.01, 0.05  # of height and middle of the picture: two cameras, not one
 RIVAL = 1.3  # times as much may the next best leave unexplained, to be as likely
@@ -178,26 +178,22 @@ def views_of(
 
 def fit_camera(images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap) -> Fitted:
     """The camera after pictures (120, 160, 3) taken near poses (F, 3)."""
-    few = np.linspace(0, len(images) - 1, min(12, len(images))).astype(int)
+    few = np.linspace(0, len(images) - 1, min(6, len(images))).astype(int)
     scenes = {width: cover_scene(road_map, width) for width in WIDTHS}
     soft, sharp = (views_of(images, poses, scenes[1.0], px) for px in (SOFT_PX, BLUR_PX))
     tried = []
     for height_m, off_rad in itertools.product(TRIED_M, TRIED_RAD):
         begin = np.array((height_m, USUAL[1] + off_rad, *USUAL[2:]))
-        tried.append(descend(soft.some(few[::2]), begin, 2))
-    tried = sorted(tried, key=attrgetter("share"))[-FINALISTS:]
-    tried = [descend(soft.some(few), each.values, 2) for each in tried]
+        tried.append(descend(soft.some(few), begin, 2))
+    finalists = sorted(tried, key=attrgetter("share"))[-FINALISTS:]
+    tried = [descend(soft, each.values, 3) for each in finalists]
+    tried = [descend(sharp, each.values, 3, each.poses) for each in tried]
     best = max(tried, key=attrgetter("share"))
-    rival = rival_of(best, tried)
     kinds = []
     for width, scene in scenes.items():
-        found = descend(sharp.some(few)._replace(scene=scene), best.values, 1, best.poses)
-        kinds.append(found._replace(width=width))
-    best = max(kinds, key=attrgetter("share"))
-    scene = scenes[best.width]
-    near, _, _ = settle(soft._replace(scene=scene), best.values, poses)
-    found = descend(sharp._replace(scene=scene), best.values, 5, near)
-    return found._replace(width=best.width, rival=rival)
+        found = descend(sharp._replace(scene=scene), best.values, 2, best.poses)
+        kinds.append(found._replace(width=width, rival=rival_of(best, tried)))
+    return max(kinds, key=attrgetter("share"))
 
 
 def rival_of(best: Fitted, others: Sequence[Fitted]) -> np.ndarray | None:
