@@ -53,8 +53,7 @@ def _blob(
     total = max(float(weight.sum()), 1e-9)
     centre = (u0 + float((u * weight).sum()) / total, v0 + float((v * weight).sum()) / total)
     area = shape["m00"]
-    covariance = (shape["mu20"] / area, shape["mu11"] / area, shape["mu02"] / area)
-    return Blob(centre, covariance, area)
+    return Blob(centre, (shape["mu20"] / area, shape["mu11"] / area, shape["mu02"] / area), area)
 
 
 def _coverage(image: np.ndarray, mask: np.ndarray, filled: np.ndarray) -> np.ndarray:

@@ -27,8 +27,7 @@ def open_source(source: str, lens: Lens, fps: int = 30) -> Iterator[Frame]:
         return _live(SocketStream(source[len("socket:") :], size_px))
     csi = re.fullmatch(r"csi(?::(\d))?", source)
     if csi:
-        command = csi_command(int(csi.group(1) or 0), 0, fps, size_px)
-        return _live(GstStream(command, size_px))
+        return _live(GstStream(csi_command(int(csi.group(1) or 0), 0, fps, size_px), size_px))
     return (Frame(picture, i, i / fps) for i, picture in enumerate(play(source)))
 
 

@@ -81,8 +81,7 @@ def load_look_sampler(
     """
     path = _find(source)
     if path.is_dir():
-        files = _looks_in(path)
-        return Sites(load_look_sampler(file, pose_error, without) for file in files)
+        return Sites(load_look_sampler(file, pose_error, without) for file in _looks_in(path))
     sample = look_sampler(_without(read_yaml(path), without), where=str(path))
     if pose_error is None:
         return sample
@@ -98,8 +97,7 @@ def is_reality(source: str | Path) -> bool:
 def look_fields() -> tuple[str, ...]:
     """What ``without`` may name: every group of a Look, and every field as ``group.field``."""
     groups = to_plain(NOMINAL)
-    leaves = [f"{group}.{leaf}" for group, inner in groups.items() for leaf in inner]
-    return (*groups, *leaves)
+    return (*groups, *(f"{group}.{leaf}" for group, inner in groups.items() for leaf in inner))
 
 
 def _without(data: Any, names: Sequence[str]) -> Any:
@@ -107,8 +105,7 @@ def _without(data: Any, names: Sequence[str]) -> Any:
     for name in names:
         expect_one_of("without", name, look_fields())
         group, _, leaf = name.partition(".")
-        inner = data.get(group, {})
-        kept = {key: value for key, value in inner.items() if leaf and key != leaf}
+        kept = {k: value for k, value in data.get(group, {}).items() if leaf and k != leaf}
         data = {**data, group: kept}
     return data
 

@@ -24,8 +24,7 @@ def draws(place: Place, sample: Sampler, count: int, rng: np.random.Generator) -
     for i, pose in enumerate(poses):
         look = sample(rng)
         feed.begin(i, build_scene(place, look, rng), look, pose)
-    turned = poses + (0.0, 0.0, 1.0) * rng.uniform(-_TURN_RAD, _TURN_RAD, (count, 1))
-    feed.record(turned)
+    feed.record(poses + (0.0, 0.0, 1.0) * rng.uniform(-_TURN_RAD, _TURN_RAD, (count, 1)))
     return feed.pictures(rng)
 
 

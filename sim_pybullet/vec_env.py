@@ -51,8 +51,7 @@ class DuckpilotVecEnv(VecEnv):
         for k, i in enumerate(step.finished.robots):
             infos[i]["terminal_observation"] = as_space_member(step.finished.observation, k)
         done = step.task.terminated | step.task.truncated
-        seen = as_space_member(step.observation)
-        return seen, step.reward.astype(np.float32), done, infos
+        return as_space_member(step.observation), step.reward.astype(np.float32), done, infos
 
     def close(self) -> None:
         """Free the world."""

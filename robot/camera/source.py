@@ -53,8 +53,7 @@ def fit_to_frame(picture: np.ndarray) -> np.ndarray:
     high = min(height, max(1, round(width * FRAME_HEIGHT_PX / FRAME_WIDTH_PX)))
     top, left = (height - high) // 2, (width - wide) // 2
     middle = picture[top : top + high, left : left + wide]
-    size = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
-    return cv2.resize(middle, size, interpolation=cv2.INTER_AREA)
+    return cv2.resize(middle, (FRAME_WIDTH_PX, FRAME_HEIGHT_PX), interpolation=cv2.INTER_AREA)
 
 
 FIRST_WAIT_S = 0.5  # before opening again; doubles up to
@@ -297,8 +296,7 @@ class GstStream:
             data += part
         self._wait_s = SILENCE_S
         shape = (self._height_px, self._width_px, BYTES_PER_PIXEL)
-        pixels = np.frombuffer(data, np.uint8).reshape(shape)
-        return np.ascontiguousarray(pixels[..., 2::-1])
+        return np.ascontiguousarray(np.frombuffer(data, np.uint8).reshape(shape)[..., 2::-1])
 
     def close(self) -> None:
         """End the child, by force if it must be."""

@@ -164,10 +164,9 @@ def path_on(
     curves = [_part(graph.lanes[lane].control_points_m, min(t, 1.0 - _SHORTEST), 1.0)]
     path = Path.from_beziers(curves)
     while path.length_m < least_m and graph.edges[graph.lane_nodes[lane][1]]:
-        heading = path.headings_rad[-1]
         ways = [way for _, way in graph.edges[graph.lane_nodes[lane][1]]]
         ends = [graph.node_poses[graph.lane_nodes[way][1], 2] for way in ways]
-        turned = np.asarray(wrap_angle(np.array(ends) - heading))
+        turned = np.asarray(wrap_angle(np.array(ends) - path.headings_rad[-1]))
         lane = ways[int(np.argmin(np.abs(turned - toward_rad)))]
         curves.append(graph.lanes[lane].control_points_m)
         path = Path.from_beziers(curves)

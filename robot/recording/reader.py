@@ -77,8 +77,7 @@ def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
         elif isinstance(record, Message):
             topic = channels.get(record.channel_id, "")
             if topic in names or not names:
-                time_s = record.log_time / topics.NS
-                yield Entry(topic, time_s, record.sequence, record.data)
+                yield Entry(topic, record.log_time / topics.NS, record.sequence, record.data)
 
 
 def read_about(path: PathLike, name: str = ABOUT) -> Dict[str, str]:

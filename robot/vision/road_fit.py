@@ -89,8 +89,7 @@ def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
 
 def washed_out(picture: np.ndarray) -> bool:
     """Whether most of the floor, in the lower half (H, W, 3), is white: too bright for a road."""
-    floor = picture[len(picture) // 2 :]
-    return float((floor.min(axis=-1) >= WHITE_LEVEL).mean()) > 0.5
+    return float((picture[len(picture) // 2 :].min(axis=-1) >= WHITE_LEVEL).mean()) > 0.5
 
 
 class RoadFit:

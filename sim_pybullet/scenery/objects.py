@@ -38,8 +38,7 @@ def lane_poses(place: Place, count: int, rng: np.random.Generator) -> np.ndarray
 
 def build_scene(place: Place, look: Look, rng: np.random.Generator) -> Scene:
     """The floor, what stands on it, sky and light; ``rng`` as of `place_solids`."""
-    solids = place_solids(place, look, rng)
-    return Scene(paint_place(place, look), solids, look.sky, look.light)
+    return Scene(paint_place(place, look), place_solids(place, look, rng), look.sky, look.light)
 
 
 def paint_place(place: Place, look: Look) -> Ground:

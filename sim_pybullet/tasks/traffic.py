@@ -122,8 +122,7 @@ class Traffic(Following):
 
     def moving(self, poses: np.ndarray, share: float = 1.0) -> np.ndarray:
         """As of `Task`."""
-        shown = self.crowd.shown(self._grouped(poses), share)
-        return shown.reshape(self.n_robots, -1, 3)
+        return self.crowd.shown(self._grouped(poses), share).reshape(self.n_robots, -1, 3)
 
     def expert(self, poses: np.ndarray) -> np.ndarray:
         """(N,) what a driver would do who knows where everybody is."""

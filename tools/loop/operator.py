@@ -101,8 +101,7 @@ class Operator:
         for name, place in (("destination", destination), ("start", start)):
             if place is not None:
                 body[name] = [round(v, 4) for v in place]
-        reply = self._request("POST", "/api/command", json.dumps(body))
-        answer = json.loads(reply.read())
+        answer = json.loads(self._request("POST", "/api/command", json.dumps(body)).read())
         return bool(answer["accepted"]), str(answer["reason"])
 
     def steer(self, stick: Stick) -> None:

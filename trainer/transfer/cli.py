@@ -199,8 +199,7 @@ def parse_translate_command(
     from trainer.run import take_up
     from trainer.transfer.pix2pix import translate_through
 
-    run = take_up(ThroughOptions, out, resume, lambda: options)
-    _say(translate_through(out, run, Console()))
+    _say(translate_through(out, take_up(ThroughOptions, out, resume, lambda: options), Console()))
     return 0
 
 

@@ -53,8 +53,7 @@ class LabelSet:
         colours = np.array(self.colours, np.int32)
         pixels = picture.astype(np.int32)
         # |p - c|^2 less |p|^2, which is the same for all colours
-        scores = (colours**2).sum(1) - 2 * (pixels @ colours.T)
-        return scores.argmin(-1).astype(np.uint8)
+        return ((colours**2).sum(1) - 2 * (pixels @ colours.T)).argmin(-1).astype(np.uint8)
 
 
 _S = SemanticClass

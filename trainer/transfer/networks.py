@@ -28,8 +28,7 @@ SEGNETS = {
 
 def as_bytes(pictures: torch.Tensor) -> torch.Tensor:
     """(N, 3, H, W) float32 -> (N, H, W, 3) uint8, cut off at black and white."""
-    scaled = ((pictures + 1.0) * 127.5 + 0.5).clamp(0.0, 255.0)
-    return scaled.to(torch.uint8).permute(0, 2, 3, 1)
+    return ((pictures + 1.0) * 127.5 + 0.5).clamp(0.0, 255.0).to(torch.uint8).permute(0, 2, 3, 1)
 
 
 @torch.no_grad()

@@ -159,8 +159,7 @@ def save_parser(parser: Parser, path: Path) -> None:
 def load_parser(path: Path) -> Parser:
     """Read what `save_parser` wrote; ConfigError if it is absent, damaged or something else."""
     with loaded(path, _WHAT) as content:
-        options = from_plain(ParseOptions, content["options"], str(path))
-        parser = Parser(options).eval()
+        parser = Parser(from_plain(ParseOptions, content["options"], str(path))).eval()
         parser.network.load_state_dict(content["network"])
     return parser
 

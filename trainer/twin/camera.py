@@ -6,6 +6,7 @@ tells where the camera is: Gauss and Newton's steps over many pictures, each wit
 """
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from operator import attrgetter
@@ -26,23 +27,26 @@ NAMES = (
     *("height_m", "pitch_rad", "roll_rad", "focal_scale", "distortion_scale"),
     *("centre_right_px", "centre_down_px"),
 )
-# Beyond what `looks/randomised.yaml` knows.
-USUAL = np.array([getattr(CameraLook(), name) for name in NAMES])
-SPREAD = np.array((0.03, 0.17, 0.05, 0.1, 0.2, 3.5, 3.5))
+# Of these and the width of the lines, a factor; beyond what `looks/randomised.yaml` knows.
+USUAL = np.array([*(getattr(CameraLook(), name) for name in NAMES), 1.0])
+SPREAD = np.array((0.03, 0.17, 0.05, 0.1, 0.2, 3.5, 3.5, 0.13))
 POSE_SPREAD = np.array((0.04, 0.04, 0.09))
-_SMALL = np.array((3e-3, 1e-2, 1e-2, 1e-2, 5e-2, 0.7, 0.7))  # for derivatives
-_SMALL_POSE = np.array((6e-3, 6e-3, 1.5e-2))
+# For derivatives, each a fraction of a pixel: those of camera and pose must cancel each other.
+_SMALL = np.array((1e-3, 3e-3, 3e-3, 3e-3, 15e-3, 0.2, 0.2, 0.05))
+_SMALL_POSE = np.array((2e-3, 2e-3, 5e-3))
 FAR_M = 0.9
-WIDTHS = (0.8, 1.0, 1.2)
-TRIED_M = (0.09, 0.13)  # heights to begin with, and pitches
+TRIED_M = (0.09, 0.11, 0.13)  # heights to begin with, and pitches
 TRIED_RAD = np.radians((-8.0, -4.0, 0.0, 4.0, 8.0))
-FINALISTS = 3  # of those begun with go on, by all pictures
+ROUNDS = ((6, 2, 6), (12, 2, 3), (30, 3, 3))  # by so many pictures so many steps; so many go on
+SHARP_STEPS, LAST_STEPS = 3, 8  # of those that are left, and of the best by all pictures
+FARTHEST = 6.0  # times a step goes on
 PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
 APART_M, APART_RAD = 0.01, 0.05  # of height and middle of the picture: two cameras, not one
 RIVAL = 1.3  # times as much may the next best leave unexplained, to be as likely
 SOFT_PX, BLUR_PX = 3.0, 1.0  # of pictures: to find lines from afar, and against aliasing
 _EVERY = 3  # pixels of which one is asked
 _ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
+_TELLS = 8.0  # and between two cameras a picture as much as so few numbers
 ROWS, COLUMNS = np.mgrid[-1:1:120j, -1:1:160j]  # of pixels
 _SHADES = (np.ones_like(ROWS), ROWS, COLUMNS, ROWS**2, COLUMNS**2)
 _SHADING = np.stack(_SHADES, axis=-1).reshape(-1, len(_SHADES))
@@ -65,29 +69,30 @@ def cover_scene(road_map: RoadMap, width: float) -> Scene:
 
 
 def rig_of(values: np.ndarray) -> CameraRig:
-    """The nominal camera with these values (7,) of ``NAMES``."""
-    camera = replace(CameraLook(), **dict(zip(NAMES, values.tolist(), strict=True)))
+    """The nominal camera with these values (7,) of ``NAMES``; what follows them is not asked."""
+    camera = replace(CameraLook(), **dict(zip(NAMES, values.tolist(), strict=False)))
     return replace(Look(), camera=camera).rig()
 
 
 class Eye:
-    """Draws cover as a camera sees it, and as it would with each of ``NAMES`` a little otherwise.
+    """Draws cover as a camera sees it, and as it would with each of the values a little otherwise.
 
     Slopes are taken from both sides: from one, what aliasing does to the picture itself would pull
     every value the same way.
     """
 
-    def __init__(self, scene: Scene, values: np.ndarray, camera_too: bool) -> None:
-        moves = np.diag(_SMALL) if camera_too else np.zeros((0, len(NAMES)))
-        rigs = [rig_of(values + move) for move in (0.0 * _SMALL, *moves, *-moves)]
+    def __init__(self, road_map: RoadMap, values: np.ndarray, camera_too: bool) -> None:
+        moves = np.diag(_SMALL) if camera_too else np.zeros((0, len(USUAL)))
+        tried = [values + move for move in (0.0 * _SMALL, *moves, *-moves)]
+        scenes = {width: cover_scene(road_map, width) for width in {each[-1] for each in tried}}
+        rigs = [rig_of(each) for each in tried]
         self._slots = np.array([*range(len(rigs)), *(0,) * 6])
         self._camera = RayCamera(ImageSpec(), len(rigs))
-        for k, rig in enumerate(rigs):
-            self._camera.set_robot(k, scene, rig)
+        for k, (rig, each) in enumerate(zip(rigs, tried, strict=True)):
+            self._camera.set_robot(k, scenes[each[-1]], rig)
         self._small = np.array([*_SMALL[: len(moves)], *_SMALL_POSE])
         pixels = np.stack(np.meshgrid(np.arange(160), np.arange(120)), axis=-1).astype(float)
-        rig = rigs[0]
-        found = CameraRig(rig.lens.scaled(160, 120), rig.mount).to_floor(pixels)
+        found = CameraRig(rigs[0].lens.scaled(160, 120), rigs[0].mount).to_floor(pixels)
         self._near = np.nan_to_num(np.hypot(found[..., 0], found[..., 1]), nan=np.inf) < FAR_M
 
     def look(self, pose: np.ndarray, blur_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -145,20 +150,25 @@ def explain(
 class Fitted(NamedTuple):
     """A camera and the poses of its pictures."""
 
-    values: np.ndarray  # (7,) of ``NAMES``
+    values: np.ndarray  # (8,) of ``NAMES``, and the width of the lines, a factor
     sd: np.ndarray
     poses: np.ndarray  # (F, 3)
     share: float  # of the pictures' variance that the map explains
-    width: float = 1.0  # of the lines, a factor
-    rival: np.ndarray | None = None  # (7,) of another camera that explains them nearly as well
+    cost: float  # of what is left of it, and of what is moved for it
+    rival: np.ndarray | None = None  # (8,) of another camera that explains them nearly as well
+
+    @property
+    def width(self) -> float:
+        """Of the lines, a factor."""
+        return float(self.values[-1])
 
 
 class Views(NamedTuple):
-    """Pictures taken near poses (F, 3), over the cover of a floor."""
+    """Pictures taken near poses (F, 3) of a map."""
 
     planes: np.ndarray  # (F, pixels, 2)
     poses: np.ndarray
-    scene: Scene
+    road_map: RoadMap
     blur_px: float
 
     def some(self, chosen: np.ndarray) -> Self:
@@ -167,33 +177,29 @@ class Views(NamedTuple):
 
 
 def views_of(
-    images: Sequence[np.ndarray], poses: np.ndarray, scene: Scene, blur_px: float = BLUR_PX
+    images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap, blur_px: float = BLUR_PX
 ) -> Views:
     """Of pictures (120, 160, 3): the planes are brightness and yellow."""
     soft = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), blur_px) for image in images]
     red, green, blue = np.moveaxis(np.array(soft), -1, 0)
     planes = np.stack(((red + green + blue) / 3, (red + green) / 2 - blue), -1)
-    return Views(planes.reshape(len(images), -1, 2), poses, scene, blur_px)
+    return Views(planes.reshape(len(images), -1, 2), poses, road_map, blur_px)
 
 
 def fit_camera(images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap) -> Fitted:
     """The camera after pictures (120, 160, 3) taken near poses (F, 3)."""
-    few = np.linspace(0, len(images) - 1, min(6, len(images))).astype(int)
-    scenes = {width: cover_scene(road_map, width) for width in WIDTHS}
-    soft, sharp = (views_of(images, poses, scenes[1.0], px) for px in (SOFT_PX, BLUR_PX))
-    tried = []
-    for height_m, off_rad in itertools.product(TRIED_M, TRIED_RAD):
-        begin = np.array((height_m, USUAL[1] + off_rad, *USUAL[2:]))
-        tried.append(descend(soft.some(few), begin, 2))
-    finalists = sorted(tried, key=attrgetter("share"))[-FINALISTS:]
-    tried = [descend(soft, each.values, 3) for each in finalists]
-    tried = [descend(sharp, each.values, 3, each.poses) for each in tried]
-    best = max(tried, key=attrgetter("share"))
-    kinds = []
-    for width, scene in scenes.items():
-        found = descend(sharp._replace(scene=scene), best.values, 2, best.poses)
-        kinds.append(found._replace(width=width, rival=rival_of(best, tried)))
-    return max(kinds, key=attrgetter("share"))
+    soft, sharp = (views_of(images, poses, road_map, px) for px in (SOFT_PX, BLUR_PX))
+    begins = itertools.product(TRIED_M, USUAL[1] + TRIED_RAD)
+    tried = [np.array((height_m, pitch_rad, *USUAL[2:])) for height_m, pitch_rad in begins]
+    for count, steps, kept in ROUNDS:
+        few = np.linspace(0, len(images) - 1, min(count, len(images))).astype(int)
+        found = [descend(soft.some(few), values, steps) for values in tried]
+        found = sorted(found, key=attrgetter("cost"))[:kept]
+        tried = [each.values for each in found]
+    found = [descend(sharp.some(few), each.values, SHARP_STEPS, each.poses) for each in found]
+    best = min(found, key=attrgetter("cost"))
+    begin, _, _ = settle(soft, best.values, poses)
+    return descend(sharp, best.values, LAST_STEPS, begin)._replace(rival=rival_of(best, found))
 
 
 def rival_of(best: Fitted, others: Sequence[Fitted]) -> np.ndarray | None:
@@ -203,21 +209,24 @@ def rival_of(best: Fitted, others: Sequence[Fitted]) -> np.ndarray | None:
         # Pitch and the lens's centre are hardly told apart; where the middle looks is.
         middles_rad = pair[:, 1] - pair[:, 6] / (PX_PER_RAD * pair[:, 3])
         apart = np.ptp(pair[:, 0]) > APART_M or np.ptp(middles_rad) > APART_RAD
-        if apart and 1.0 - other.share < RIVAL * (1.0 - best.share):
+        if apart and other.cost < best.cost + math.log(RIVAL):
             return other.values
     return None
 
 
 def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None = None) -> Fitted:
-    """Gauss and Newton's steps from values (7,); before each the poses find their places.
+    """Gauss and Newton's steps from values (8,); before each the poses find their places.
 
-    Pictures that the map explains less well than most say nothing of the camera.
+    Pictures that the map explains less well than most say nothing of the camera. Steps along a
+    valley, in which pitch, lens and poses change and the pictures hardly do, come out short: the
+    next one goes where the last two lead (Anderson 1965, "Iterative procedures for nonlinear
+    integral equations", of depth one).
     """
     now = views.poses if at is None else at
-    belief, count = np.diag(1.0 / POSE_SPREAD**2), len(NAMES)
+    belief, count, last = np.diag(1.0 / POSE_SPREAD**2), len(USUAL), None
     for _ in range(steps):
         now, _, _ = settle(views, values, now)
-        eye, pairs = Eye(views.scene, values, camera_too=True), zip(views.planes, now, strict=True)
+        eye, pairs = Eye(views.road_map, values, True), zip(views.planes, now, strict=True)
         found = [explain(planes, eye, pose, views.blur_px) for planes, pose in pairs]
         shares = [share for *_, share in found]
         matrix, vector = np.diag(1.0 / SPREAD**2), (USUAL - values) / SPREAD**2
@@ -227,10 +236,19 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
             cross = both[:count, count:] @ np.linalg.inv(both[count:, count:] + belief)
             matrix = matrix + both[:count, :count] - cross @ both[count:, :count]
             vector = vector + told[:count] - cross @ (told[count:] + belief @ off)
-        change = np.clip(np.linalg.solve(matrix, vector), -SPREAD, SPREAD)
-        values = np.clip(values + change, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
-    sd = np.sqrt(np.diag(np.linalg.inv(matrix)))
-    return Fitted(values, sd, now, float(np.median(shares)))
+        change = np.clip(np.linalg.solve(matrix, vector) / SPREAD, -1.0, 1.0)
+        goal = step = values + SPREAD * change
+        if last is not None:
+            less = last[1] - change
+            on = max(0.0, less @ change) / max(less @ less, 1e-12)
+            step = goal + min(on, FARTHEST) * (goal - last[0])
+        last = goal, change
+        values = np.clip(step, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
+    sd, share = np.sqrt(np.diag(np.linalg.inv(matrix))), float(np.median(shares))
+    off, unusual = (now - views.poses) / POSE_SPREAD, (values - USUAL) / SPREAD
+    moved = (off**2).sum() + (unusual**2).sum()
+    cost = math.log(max(1.0 - share, 1e-3)) + moved / (_TELLS * len(now))
+    return Fitted(values, sd, now, share, cost)
 
 
 def settle(
@@ -240,7 +258,7 @@ def settle(
 
     Also roots (F, 3, 3) of their information, and how much of each picture is explained.
     """
-    eye, belief = Eye(views.scene, values, camera_too=False), np.diag(1.0 / POSE_SPREAD**2)
+    eye, belief = Eye(views.road_map, values, False), np.diag(1.0 / POSE_SPREAD**2)
     now, roots, shares = begin.copy(), np.zeros((len(begin), 3, 3)), np.zeros(len(begin))
     for k, planes in enumerate(views.planes):
         for _ in range(steps):

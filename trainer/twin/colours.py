@@ -15,13 +15,14 @@ KINDS = ("white", "yellow", "outside", "asphalt")
 LEAST_PIXELS = 150  # by which a colour is known
 PURE = 0.97
 _CLIPPED = 253  # beyond that a sensor tells nothing
+BURNT = 0.9  # of the pixels of a colour that burns out do so
 STILL_LEVELS = 12.0  # greatest mean change between pictures of a robot that stands
 
 
 class Colours(NamedTuple):
     """As the pictures have them."""
 
-    rgb: dict[str, np.ndarray]  # (3,) of those of ``KINDS`` that were seen
+    rgb: dict[str, np.ndarray]  # (3,) of those of ``KINDS`` that were seen; above 255: burnt out
     vignetting: float
     noise: float | None  # grey levels; None where the robot never stood
 
@@ -52,12 +53,16 @@ def fit_colours(images: np.ndarray, drawn: np.ndarray, still: Sequence[np.ndarra
     levels = {kind: images[mask].astype(float) for kind, mask in masks.items()}
     radii = {kind: np.broadcast_to(far, mask.shape)[mask] for kind, mask in masks.items()}
     shade = _vignetting(levels["asphalt"], radii["asphalt"])
-    rgb = {
-        kind: np.median(levels[kind] / (1.0 - shade * radii[kind])[:, None], axis=0).clip(0, 255)
-        for kind in KINDS
-        if len(levels[kind]) >= LEAST_PIXELS
-    }
+    seen = [kind for kind in KINDS if len(levels[kind]) >= LEAST_PIXELS]
+    rgb = {kind: _unshaded(levels[kind], 1.0 - shade * radii[kind][:, None]) for kind in seen}
     return Colours(rgb, shade, _noise(still))
+
+
+def _unshaded(levels: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """(3,) of levels (N, 3) in so much light (N, 1); burnt out it is what burns out nearly all."""
+    whole = levels / light
+    burnt = np.median(levels, axis=0) >= _CLIPPED
+    return np.where(burnt, np.quantile(whole, BURNT, axis=0), np.median(whole, axis=0))
 
 
 def _vignetting(levels: np.ndarray, radii: np.ndarray) -> float:

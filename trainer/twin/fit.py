@@ -25,7 +25,7 @@ from trainer.twin import motion as moved
 from trainer.twin.colours import Colours, fit_colours, seen_from
 from trainer.twin.recorded import Recorded
 
-KEY_PICTURES, TRACKED = 30, 400
+KEY_PICTURES, TRACKED = 60, 400
 SHOWN = 6  # of the key pictures, on the page
 EYE_PIECE_S = 3.0  # of driving, for which the wheels are trusted between poses that the eye told
 IN_PIECE, LEAST_TRACKED = 13, 40  # pictures of each piece, and of each drive
@@ -51,7 +51,6 @@ _AS_SEEN: dict[str, Any] = {  # light and sensor leave colours as the camera sho
     "light.ambient": 0.6,
     "light.diffuse": 0.4,
     "light.gloss": {"uniform": [0, 0.2]},
-    "sensor.exposure": {"log_uniform": [0.93, 1.07]},
     "sensor.white_balance": [1.0, 1.0, 1.0],
     "sensor.infrared": 0.0,
 }
@@ -145,8 +144,7 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     unseen = [f"not seen, as wide as randomised: {', '.join(_OUT_OF_SIGHT)}"]
     known = camera.share >= LEAST_EXPLAINED
     if known:
-        scene = seen.cover_scene(drives[0].road_map, camera.width)
-        told = _tracks(drives, shown, scene, camera)
+        told = _tracks(drives, shown, camera)
         motion = moved.fit_motion(list(told.values()), eye=True)
         if camera.rival is not None:
             other_mm = 1e3 * camera.rival[0]
@@ -154,9 +152,10 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
             sd = np.maximum(camera.sd, 0.5 * np.abs(camera.rival - camera.values))
             camera = camera._replace(sd=sd)
         found |= _camera_of(camera, motion)
+        scene = seen.cover_scene(drives[0].road_map, camera.width)
         cover = seen_from(scene, camera.values, camera.poses)
         colours = fit_colours(images[chosen], cover, _still(drives[0]))
-        found |= _colours_of(colours, camera.width, unseen)
+        found |= colours_told(colours, camera, unseen)
     else:
         told = dict(enumerate(above))
         unseen.append(
@@ -178,13 +177,13 @@ def _still(drive: Recorded) -> list[np.ndarray]:
 
 
 def _tracks(
-    drives: Sequence[Recorded], near: Sequence[np.ndarray], scene: Any, camera: seen.Fitted
+    drives: Sequence[Recorded], near: Sequence[np.ndarray], camera: seen.Fitted
 ) -> dict[int, moved.Told]:
     """Where the eye was in pictures of the drives, by number, whose pictures tell it."""
     told = {}
     for k, (drive, way) in enumerate(zip(drives, near, strict=True)):
         few = looked_at(drive.times_s, len(drives))
-        views = seen.views_of(drive.images[few], way[few], scene)
+        views = seen.views_of(drive.images[few], way[few], drive.road_map)
         poses, roots, shares = seen.settle(views, camera.values, views.poses, steps=4)
         fair = shares >= _FAIR * camera.share
         matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
@@ -212,22 +211,25 @@ def looked_at(times_s: np.ndarray, drives: int) -> np.ndarray:
 def _camera_of(camera: seen.Fitted, motion: moved.Motion) -> Found:
     # Poses were told by an eye that was taken to sit and look as a nominal one does.
     place = np.array([getattr(NOMINAL.camera, name) for name in moved.EYE])
-    values = (*camera.values, *(place + motion.values[len(moved.NAMES) :]))
-    off = (*camera.sd, *motion.sd[len(moved.NAMES) :])
+    values = (*camera.values[:-1], *(place + motion.values[len(moved.NAMES) :]))
+    off = (*camera.sd[:-1], *motion.sd[len(moved.NAMES) :])
     each = zip((*seen.NAMES, *moved.EYE), values, off, strict=True)
     return {f"camera.{name}": (float(value), float(sd)) for name, value, sd in each}
 
 
-def _colours_of(colours: Colours, width: float, unseen: list[str]) -> Found:
-    found: Found = {}
+def colours_told(colours: Colours, camera: seen.Fitted, unseen: list[str]) -> Found:
+    """Of floor and sensor; what was not seen is added to the sentences ``unseen``."""
+    # What burns out in the middle of a picture does so in its shaded corners, too.
+    light = max(1.0, *(float(rgb.max()) / 255.0 for rgb in colours.rgb.values()))
+    found: Found = {"sensor.exposure": (light, 0.035 * light)}
     for kind in ("asphalt", "white", "yellow", "outside"):
         if kind in colours.rgb:
-            rgb = np.round(colours.rgb[kind], 1).tolist()
+            rgb = np.round(colours.rgb[kind] / light, 1).tolist()
             found[f"ground.{kind}_rgb"] = rgb, _COLOUR_LEVELS / 2.0
         else:
             unseen.append(f"colour of {kind}: too little of it in the pictures")
     unseen.append("exposure and white balance are in the colours, which are those of the pictures")
-    found["ground.line_width_scale"] = width, 0.05
+    found["ground.line_width_scale"] = camera.width, 0.08
     found["sensor.vignetting"] = colours.vignetting, 0.03
     if colours.noise is None:
         unseen.append("noise: the robot never stood still")

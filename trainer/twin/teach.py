@@ -170,9 +170,7 @@ def _worlds(
         kinds.insert(0, ([twin[0]], twin[1], translator))
     worlds = []
     for k, (maps, looks, shown) in enumerate(kinds):
-        choices = Choices("both" if rings else None, start_spread=1.6)
-        task = spec.build(maps, config.robots, choices)
-        many = max(1, config.painted // len(maps))
-        world = BatchWorld(task, looks, contract.image, seed + k, many, translator=shown)
-        worlds.append(world)
+        task = spec.build(maps, config.robots, Choices("both" if rings else None, start_spread=1.6))
+        how = looks, contract.image, seed + k, max(1, config.painted // len(maps))
+        worlds.append(BatchWorld(task, *how, translator=shown))
     return worlds
