@@ -184,12 +184,14 @@ def test_what_burns_out_does_so_in_shaded_corners_too() -> None:
             assert np.abs(again[mask] - pictures[mask]).max() < 10.0
     assert found.rgb["white"][1] == pytest.approx(200.0, abs=4.0)
     assert max(found.rgb["white"]) > 290.0
-    told = colours_told(found, Fitted(USUAL, USUAL, np.zeros((1, 3)), 1.0, 0.0), [])
+    own = Fitted(USUAL, USUAL, np.zeros((1, 3)), 1.0, 0.0)
+    told = colours_told(found, own, [])
     exposure, _ = told["sensor.exposure"]
     assert exposure * np.array(told["ground.white_rgb"][0]) == pytest.approx(
         found.rgb["white"], 5e-3
     )
     assert max(told["ground.white_rgb"][0]) <= 255.0
+    assert colours_told(found._replace(rgb={}), own, [])["sensor.exposure"][0] == 1.0
 
 
 @thorough.only
@@ -256,3 +258,12 @@ def test_pitch_is_told_from_the_lens_and_the_width_of_lines_by_steps_along_their
     assert found[0] == pytest.approx(true[0], abs=0.002)
     assert found[1] == pytest.approx(true[1], abs=0.02)  # 0.04 by plain steps
     assert found[7] == pytest.approx(true[7], abs=0.06)
+
+
+def test_a_camera_costs_more_for_which_the_robot_was_elsewhere_than_it_was_told() -> None:
+    road_map, poses, images = worn_pictures(USUAL)
+    views = views_of(list(images[:4]), poses[:4], road_map)
+    told_elsewhere = views._replace(poses=poses[:4] + np.array((0.08, 0.08, 0.0)))
+    here, elsewhere = (descend(v, USUAL, 1, poses[:4]) for v in (views, told_elsewhere))
+    assert elsewhere.share == pytest.approx(here.share, abs=0.05)  # the pictures are the same
+    assert elsewhere.cost > here.cost + 0.2

@@ -15,7 +15,7 @@ KINDS = ("white", "yellow", "outside", "asphalt")
 LEAST_PIXELS = 150  # by which a colour is known
 PURE = 0.97
 _CLIPPED = 253  # beyond that a sensor tells nothing
-BURNT = 0.9  # of the pixels of a colour that burns out do so
+_BURNT = 0.9  # of the pixels of a colour that burns out do so
 STILL_LEVELS = 12.0  # greatest mean change between pictures of a robot that stands
 
 
@@ -37,7 +37,7 @@ def members(drawn: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def seen_from(scene: Scene, values: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """(F, 120, 160, 3) uint8: what a camera of values (7,) sees of a scene from poses (F, 3)."""
+    """(F, 120, 160, 3) uint8: what a camera, see `rig_of`, sees of a scene from poses (F, 3)."""
     camera = RayCamera(ImageSpec(), 1)
     camera.set_robot(0, scene, rig_of(values))
     return np.concatenate([camera.render(pose[None]) for pose in poses])
@@ -62,7 +62,7 @@ def _unshaded(levels: np.ndarray, light: np.ndarray) -> np.ndarray:
     """(3,) of levels (N, 3) in so much light (N, 1); burnt out it is what burns out nearly all."""
     whole = levels / light
     burnt = np.median(levels, axis=0) >= _CLIPPED
-    return np.where(burnt, np.quantile(whole, BURNT, axis=0), np.median(whole, axis=0))
+    return np.where(burnt, np.quantile(whole, _BURNT, axis=0), np.median(whole, axis=0))
 
 
 def _vignetting(levels: np.ndarray, radii: np.ndarray) -> float:

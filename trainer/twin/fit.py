@@ -220,7 +220,7 @@ def _camera_of(camera: seen.Fitted, motion: moved.Motion) -> Found:
 def colours_told(colours: Colours, camera: seen.Fitted, unseen: list[str]) -> Found:
     """Of floor and sensor; what was not seen is added to the sentences ``unseen``."""
     # What burns out in the middle of a picture does so in its shaded corners, too.
-    light = max(1.0, *(float(rgb.max()) / 255.0 for rgb in colours.rgb.values()))
+    light = max([1.0, *(float(rgb.max()) / 255.0 for rgb in colours.rgb.values())])
     found: Found = {"sensor.exposure": (light, 0.035 * light)}
     for kind in ("asphalt", "white", "yellow", "outside"):
         if kind in colours.rgb:
@@ -228,7 +228,7 @@ def colours_told(colours: Colours, camera: seen.Fitted, unseen: list[str]) -> Fo
             found[f"ground.{kind}_rgb"] = rgb, _COLOUR_LEVELS / 2.0
         else:
             unseen.append(f"colour of {kind}: too little of it in the pictures")
-    unseen.append("exposure and white balance are in the colours, which are those of the pictures")
+    unseen.append("white balance and exposure are in the colours, but for what burns out")
     found["ground.line_width_scale"] = camera.width, 0.08
     found["sensor.vignetting"] = colours.vignetting, 0.03
     if colours.noise is None:
