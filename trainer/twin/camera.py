@@ -147,6 +147,9 @@ def explain(
     return matrix, vector, max(0.0, 1.0 - left / max(whole, 1e-9))
 
 
+Goal = tuple[np.ndarray, np.ndarray]  # of a step, and the change that leads there, in spreads
+
+
 class Fitted(NamedTuple):
     """A camera and the poses of its pictures."""
 
@@ -217,10 +220,7 @@ def rival_of(best: Fitted, others: Sequence[Fitted]) -> np.ndarray | None:
 def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None = None) -> Fitted:
     """Gauss and Newton's steps from values (8,); before each the poses find their places.
 
-    Pictures that the map explains less well than most say nothing of the camera. Steps along a
-    valley, in which pitch, lens and poses change and the pictures hardly do, come out short: the
-    next one goes where the last two lead (Anderson 1965, "Iterative procedures for nonlinear
-    integral equations", of depth one).
+    Pictures that the map explains less well than most say nothing of the camera.
     """
     now = views.poses if at is None else at
     belief, count, last = np.diag(1.0 / POSE_SPREAD**2), len(USUAL), None
@@ -237,18 +237,28 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
             matrix = matrix + both[:count, :count] - cross @ both[count:, :count]
             vector = vector + told[:count] - cross @ (told[count:] + belief @ off)
         change = np.clip(np.linalg.solve(matrix, vector) / SPREAD, -1.0, 1.0)
-        goal = step = values + SPREAD * change
-        if last is not None:
-            less = last[1] - change
-            on = max(0.0, less @ change) / max(less @ less, 1e-12)
-            step = goal + min(on, FARTHEST) * (goal - last[0])
-        last = goal, change
+        goal = values + SPREAD * change
+        step, last = onward(goal, change, last), (goal, change)
         values = np.clip(step, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
     sd, share = np.sqrt(np.diag(np.linalg.inv(matrix))), float(np.median(shares))
     off, unusual = (now - views.poses) / POSE_SPREAD, (values - USUAL) / SPREAD
     moved = (off**2).sum() + (unusual**2).sum()
     cost = math.log(max(1.0 - share, 1e-3)) + moved / (_TELLS * len(now))
     return Fitted(values, sd, now, share, cost)
+
+
+def onward(goal: np.ndarray, change: np.ndarray, last: Goal | None) -> np.ndarray:
+    """Where to go, of a step that leads to ``goal`` by a ``change``, after another one.
+
+    Steps along a valley, in which pitch, lens and poses change and the pictures hardly do, come out
+    short: go where the last two lead (Anderson 1965, "Iterative procedures for nonlinear integral
+    equations", of depth one).
+    """
+    if last is None:
+        return goal
+    less = last[1] - change
+    on = max(0.0, less @ change) / max(less @ less, 1e-12)
+    return goal + min(on, FARTHEST) * (goal - last[0])
 
 
 def settle(
@@ -261,10 +271,13 @@ def settle(
     eye, belief = Eye(views.road_map, values, False), np.diag(1.0 / POSE_SPREAD**2)
     now, roots, shares = begin.copy(), np.zeros((len(begin), 3, 3)), np.zeros(len(begin))
     for k, planes in enumerate(views.planes):
+        last = None
         for _ in range(steps):
             matrix, vector, shares[k] = explain(planes, eye, now[k], views.blur_px)
             own = matrix + belief
             step = np.linalg.solve(own, vector + belief @ (views.poses[k] - now[k]))
-            now[k] += np.clip(step, -POSE_SPREAD, POSE_SPREAD)
+            change = np.clip(step / POSE_SPREAD, -1.0, 1.0)
+            goal = now[k] + POSE_SPREAD * change
+            now[k], last = onward(goal, change, last), (goal, change)
         roots[k] = np.linalg.cholesky(own).T
     return now, roots, shares

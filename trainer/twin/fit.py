@@ -10,7 +10,7 @@ import yaml
 from scipy.optimize import least_squares
 
 from robot.errors import ConfigError
-from robot.geometry import compose, uncompose, wrap_angle
+from robot.geometry import uncompose, wrap_angle
 from robot.output import write_text
 from robot.recording.drive_file import png
 from robot.typed_config import read_yaml
@@ -184,7 +184,7 @@ def _tracks(
     for k, (drive, way) in enumerate(zip(drives, near, strict=True)):
         few = looked_at(drive.times_s, len(drives))
         views = seen.views_of(drive.images[few], way[few], drive.road_map)
-        poses, roots, shares = seen.settle(views, camera.values, views.poses, steps=4)
+        poses, roots, shares = seen.settle(views, camera.values, views.poses, steps=6)
         fair = shares >= _FAIR * camera.share
         matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
         sure = np.swapaxes(np.linalg.cholesky(matrices), 1, 2)
@@ -270,37 +270,38 @@ def _motion_of(
 def camera_delay(
     drives: Sequence[Recorded], told: Sequence[moved.Told], motion: moved.Motion
 ) -> tuple[float, float]:
-    """How late pictures are after overhead poses [s], and its standard deviation."""
+    """How late pictures are after overhead poses [s], and its standard deviation.
+
+    By headings alone: places also hang on how fast the robot was.
+    """
     eye = motion.values[None, len(moved.NAMES) :]
     axles = [each._replace(poses=uncompose(each.poses, eye)) for each in told]
-    ways = [moved.smoothed(axle, motion) for axle in axles]
+    ways = [moved.smoothed(axle, motion)[:, 2] for axle in axles]
     overhead = []
     for drive, each in zip(drives, told, strict=True):
         away_s = np.abs(drive.overhead[:, :1] - each.times_s).min(axis=1)
         overhead.append(drive.overhead[away_s < NEAR_S])
-    spread = np.array((0.1, 0.01, 0.01, 0.02))  # of delay, and of what the eye's place is wrong by
+    spread = np.array((0.1, 0.02))  # of delay, and of what the eye's heading is wrong by
 
     def off(guess: np.ndarray, keep: float = 0.0) -> np.ndarray:
         rows = []
-        for poses_told, way in zip(overhead, ways, strict=True):
-            times_s, poses = poses_told[:, 0], poses_told[:, 1:]
-            late = moved.at_times(way, times_s + guess[0])
-            missed = poses - compose(late, guess[None, 1:])
-            missed[:, 2] = wrap_angle(missed[:, 2])
-            missed /= (0.03, 0.03, 0.09)
-            gaps = np.diff(times_s)[:, None]
+        for poses, way in zip(overhead, ways, strict=True):
+            grid_s = np.arange(len(way)) * moved.PHYSICS_DT_S
+            late_rad = np.interp(poses[:, 0] + guess[0], grid_s, way)
+            missed = np.asarray(wrap_angle(poses[:, 3] - late_rad - guess[1]))
+            gaps = np.diff(poses[:, 0])
             rows.append(missed[1:] - keep ** (gaps / 0.1) * missed[:-1])
         return np.concatenate(rows)
 
-    guess, keep = np.array((0.03, 0.0, 0.0, 0.0)), 0.0
+    guess, keep = np.array((0.03, 0.0)), 0.0
     for _ in range(3):  # errors of poses last: what is left of one is taken off the next
         left = off(guess, keep)
-        scale = 1.4826 * np.median(np.abs(left), axis=0) + 1e-6
+        scale = 1.4826 * float(np.median(np.abs(left))) + 1e-6
 
-        def cost(guess: np.ndarray, keep: float = keep, scale: np.ndarray = scale) -> np.ndarray:
-            return np.concatenate(((off(guess, keep) / scale).ravel(), guess / spread))
+        def cost(guess: np.ndarray, keep: float = keep, scale: float = scale) -> np.ndarray:
+            return np.concatenate((off(guess, keep) / scale, guess / spread))
 
         found = least_squares(cost, guess, x_scale=spread, loss="soft_l1", diff_step=1e-2)
-        guess, left = found.x, np.clip(off(found.x), -3.0, 3.0)
+        guess, left = found.x, np.clip(off(found.x), -0.3, 0.3)
         keep = float(np.clip((left[1:] * left[:-1]).sum() / (left**2).sum(), 0.0, 0.98))
     return float(guess[0]), float(np.sqrt(np.linalg.inv(found.jac.T @ found.jac)[0, 0]))

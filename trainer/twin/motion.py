@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from robot.contract import DRIVE
-from robot.geometry import compose, wrap_angle
+from robot.geometry import between, compose, wrap_angle
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S, MotorModel
 
@@ -24,6 +24,7 @@ USUAL = np.array((1.0, 0.0, 1.0, 0.1, 0.1, 0.08, 0.0, 0.0, 0.0))
 SPREAD = np.array((0.15, 0.06, 0.2, 0.15, 0.15, 0.15, 0.03, 0.03, 0.2))
 LOW = np.array((0.6, -0.2, 0.5, 0.0, 0.0, 0.0, -0.1, -0.1, -0.5))
 HIGH = np.array((1.5, 0.2, 1.6, 0.5, 0.5, 0.6, 0.1, 0.1, 0.5))
+EVERY = 6  # steps
 STEERS_RAD, LATE_S = 0.2, 0.2  # a second's steering, and how soon it is followed
 _SMALL = np.array((1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3, 1e-3, 1e-3, 1e-3))  # for derivatives
 
@@ -162,12 +163,13 @@ def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
 def smoothed(drive: Told, motion: Motion) -> np.ndarray:
     """(K + 1, 3) where the robot was at each `PHYSICS_DT_S`: its wheels' way, laid over the poses.
 
-    At each moment the way is laid over the poses of the time around it. Nothing is late any more.
+    At every sixth step the way is laid over the poses of the time around it; between two of these
+    it leads from the one to the other. Nothing is late any more.
     """
     track = reckoned(drive.commands, motion.values[None])[0]
     late_s, times_s = motion.values[NAMES.index("delay_s")], drive.times_s
     ours = at_times(track, times_s, late_s)
-    grid_s = np.arange(0, len(track) + 5, 6) * PHYSICS_DT_S
+    grid_s = np.arange(0, len(track) + EVERY, EVERY) * PHYSICS_DT_S
     here = at_times(track, grid_s, late_s)
     poses = np.zeros((len(grid_s), 3))
     for k, now_s in enumerate(grid_s):
@@ -176,5 +178,10 @@ def smoothed(drive: Told, motion: Motion) -> np.ndarray:
         roots = np.concatenate((drive.roots[near] * weights[:, None, None], np.zeros((1, 3, 3))))
         both = np.concatenate((ours[near], here[k : k + 1]))
         poses[k] = laid(both, np.concatenate((drive.poses[near], here[k : k + 1])), roots)[-1]
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    return at_times(poses, np.arange(len(track)) / 6 * PHYSICS_DT_S)
+    steps = np.arange(len(track))
+    number, way = steps // EVERY, at_times(track, steps * PHYSICS_DT_S, late_s)
+    one, other = (compose(poses[j], between(here[j], way)) for j in (number, number + 1))
+    one[:, 2] = np.unwrap(one[:, 2])
+    off = other - one
+    off[:, 2] = wrap_angle(off[:, 2])
+    return one + (steps % EVERY / EVERY)[:, None] * off
