@@ -174,8 +174,7 @@ class BatchWorld:
         ended = np.flatnonzero(judged.terminated | judged.truncated)
         image, path = observation
         last = Observation(image[ended], None if path is None else path[ended])
-        metrics = tuple(self._recorder.metrics(int(i)) for i in ended)
-        finished = Finished(ended, last, metrics)
+        finished = Finished(ended, last, tuple(self._recorder.metrics(int(i)) for i in ended))
         if len(ended):
             begun = self._begin(ended)
             observation = _replaced(observation, begun, self._observe(begun))

@@ -61,8 +61,7 @@ def evaluate_command(
     from trainer.sweeps.jobs import evaluate_jobs
 
     if many.wanted or many.ray is not None:
-        jobs = evaluate_jobs(json, options, drives, many)
-        return run_sweep(jobs, many, Console(soft_wrap=True))
+        return run_sweep(evaluate_jobs(json, options, drives, many), many, Console(soft_wrap=True))
     if drives and json is None:
         raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
     options.check()

@@ -119,8 +119,7 @@ def _pose_from_homography(
     rays = lens.unproject(pixels)
     if np.any(~np.isfinite(rays)) or np.any(rays[:, 2] < 0.02):
         return None
-    plane = rays[:, :2] / rays[:, 2:]
-    matrix, _ = cv2.findHomography(floor_m, plane)
+    matrix, _ = cv2.findHomography(floor_m, rays[:, :2] / rays[:, 2:])
     if matrix is None:
         return None
     matrix = matrix * (2.0 / (np.linalg.norm(matrix[:, 0]) + np.linalg.norm(matrix[:, 1])))

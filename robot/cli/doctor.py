@@ -89,8 +89,7 @@ def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
             config = load_yaml(RobotConfig, config_path)
             yield Finding("config", OK, f"{config_path}: robot {config.name!r}")
         except ConfigError as error:
-            remedy = "mend the file; docs/runtime.md describes it"
-            yield Finding("config", FAIL, str(error), remedy)
+            yield Finding("config", FAIL, str(error), "mend the file; docs/runtime.md describes it")
     camera = config.camera if config else CameraConfig()
     yield _hat(machine, config.hat if config else HatConfig())
     yield _camera(machine, camera)

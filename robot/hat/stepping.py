@@ -177,8 +177,7 @@ class Steps(NamedTuple):
 def pose_after(pose: Pose, steps: Steps, config: HatConfig) -> Pose:
     """Where a robot is whose wheels made these steps at the same time: an exact arc."""
     left_m, right_m = (n * step_m for n, step_m in zip(steps, config.wheel_steps_m))
-    turn_rad = (right_m - left_m) / config.drive.baseline_m
-    return pose.moved(0.5 * (left_m + right_m), turn_rad)
+    return pose.moved(0.5 * (left_m + right_m), (right_m - left_m) / config.drive.baseline_m)
 
 
 class StepPlanner:

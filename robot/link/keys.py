@@ -155,8 +155,7 @@ class AllowList:
 
         with suppress(zmq.Again):
             for _ in range(MAX_ADMISSIONS):
-                request = self.socket.recv_multipart(zmq.NOBLOCK)
-                self.socket.send_multipart(self._verdict(request))
+                self.socket.send_multipart(self._verdict(self.socket.recv_multipart(zmq.NOBLOCK)))
 
     def may(self, name: str, stream: str) -> bool:
         """Whether the peer of this name in the allow-list may use a stream."""

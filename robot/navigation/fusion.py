@@ -124,8 +124,7 @@ class PoseFusion:
     @property
     def at_bound(self) -> np.ndarray:
         """(N,) whether the wheels seem to be off by as much as wheels can be: a doubt in itself."""
-        wheels = np.abs(self._state[:, _CALIBRATION])
-        return np.asarray((wheels >= self.config.bounds).any(axis=1))
+        return np.asarray((np.abs(self._state[:, _CALIBRATION]) >= self.config.bounds).any(axis=1))
 
     @property
     def scale_deviations(self) -> np.ndarray:
@@ -250,8 +249,7 @@ class PoseFusion:
         since = between(then, self._odometry)
         state = self._state.copy()
         state[:, _POSE] = uncompose(self.poses, since)
-        covariance = carried(self._covariance, state[:, :2] - self._state[:, :2])
-        return state, since, covariance
+        return state, since, carried(self._covariance, state[:, :2] - self._state[:, :2])
 
     def _take(
         self, taken: np.ndarray, state: np.ndarray, since: np.ndarray, covariance: np.ndarray

@@ -184,8 +184,7 @@ class Neighbours:
         if taken and self._view.junctions:
             drive = [name for name in self._known(now_s) if self._tracks[name].headed]
             robots = {name: self._traveller(name) for name in drive}
-            found = self._crossings.update(poses[0].t_capture_s, robots)
-            self._junction = found.get(self._robot)
+            self._junction = self._crossings.update(poses[0].t_capture_s, robots).get(self._robot)
         return taken
 
     def ahead(self, now_s: float, pose: Pose, way_m: np.ndarray) -> RoadAhead:
@@ -196,8 +195,7 @@ class Neighbours:
         junction = self._junction
         if junction is not None and self._crossings.inside(pose) is None:
             junction = replace(junction, own=replace(junction.own, inside=False))
-        sigma_m = max(way.free_sigma_m, self._sigma_m)
-        return replace(way, free_sigma_m=sigma_m, junction=junction)
+        return replace(way, free_sigma_m=max(way.free_sigma_m, self._sigma_m), junction=junction)
 
     def _known(self, now_s: float) -> Iterator[str]:
         """Who was seen lately."""

@@ -70,8 +70,7 @@ class Path:
         curve_of = np.minimum(along.astype(int), len(control) - 1)
         points = bezier_points(control[curve_of], along - curve_of)
         tangents = bezier_tangents(control[curve_of], along - curve_of)
-        headings = np.arctan2(tangents[:, 1], tangents[:, 0])
-        return cls(points, headings, arc_m, closed, length_m)
+        return cls(points, np.arctan2(tangents[:, 1], tangents[:, 0]), arc_m, closed, length_m)
 
     def project(self, x_m: float, y_m: float, hint: Optional[int] = None) -> PathPosition:
         """The nearest point to a position in the world; ``hint`` as of `PathBatch.project`."""

@@ -159,8 +159,7 @@ class LaneIndex:
 
     def __init__(self, lanes: Sequence[Lane]) -> None:
         self._control = np.array([lane.control_points_m for lane in lanes]).reshape(-1, 4, 2)
-        t = np.linspace(0.0, 1.0, _CHORDS + 1)
-        points = bezier_points(self._control[:, None], t)
+        points = bezier_points(self._control[:, None], np.linspace(0.0, 1.0, _CHORDS + 1))
         self._starts, self._chords = points[:, :-1], np.diff(points, axis=1)
         self._inverse_squares = 1.0 / (self._chords**2).sum(axis=-1)
 

@@ -66,8 +66,7 @@ def road_paint(road_map: RoadMap) -> RoadPaint:
     for tile in road_map.road_tiles:
         for side in tile.road_sides if tile.is_junction else ():
             _fill(known, _STOPS[side], tile, road_map, 0)
-    soft = SOFT_M / TEXEL_M
-    lines = [cv2.GaussianBlur(plane, (0, 0), soft) for plane in (white, yellow)]
+    lines = [cv2.GaussianBlur(plane, (0, 0), SOFT_M / TEXEL_M) for plane in (white, yellow)]
     return RoadPaint(np.stack((*lines, known), axis=-1).astype(np.float32) / np.float32(255.0))
 
 
@@ -81,8 +80,7 @@ def _draw(plane: np.ndarray, lane: Lane, left_m: float, width_m: float) -> None:
     points_m = points + left_m * np.stack((-along[:, 1], along[:, 0]), axis=1)
     pixels = (points_m + MARGIN_M) / TEXEL_M - 0.5
     fixed = np.rint(pixels * 2**_SHIFT).astype(np.int32)[:, None]
-    thick = max(1, round(width_m / TEXEL_M))
-    cv2.polylines(plane, [fixed], False, 255, thick, cv2.LINE_AA, _SHIFT)
+    cv2.polylines(plane, [fixed], False, 255, max(1, round(width_m / TEXEL_M)), cv2.LINE_AA, _SHIFT)
 
 
 def _has_edge(lane: Lane, tile: Tile) -> bool:

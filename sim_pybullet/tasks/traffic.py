@@ -185,8 +185,7 @@ class GuidedTraffic(Traffic):
 
 def _register(kind: type[Traffic], usual: str, **rest: Any) -> None:
     def make(maps: Sequence[RoadMap], robots: int, chosen: Choices) -> Traffic:
-        scenario = load_scenario(chosen.scenario or usual)
-        return kind(maps, robots, scenario, chosen.start_spread)
+        return kind(maps, robots, load_scenario(chosen.scenario or usual), chosen.start_spread)
 
     register(TaskSpec(kind=kind, make=make, actions=TRAFFIC_ACTIONS, scenarios=True, **rest))
 

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.errors import ConfigError
+from robot.geometry import compose, wrap_angle
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.look import (
     NOMINAL,
@@ -30,11 +31,28 @@ from sim_pybullet.sensing.sensor import apply_sensor
 from tests import thorough
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin import camera, fit
-from trainer.twin.camera import COLUMNS, ROWS, USUAL, Fitted, descend, rival_of, views_of
+from trainer.twin.camera import COLUMNS, ROWS, USUAL, Fitted, descend, rival_of, settle, views_of
 from trainer.twin.colours import fit_colours, members, seen_from
-from trainer.twin.fit import EYE_PIECE_S, colours_told, fit_twin, looked_at, write_twin
-from trainer.twin.motion import NAMES, fit_motion, from_above, pieces, reckoned
-from trainer.twin.recorded import UnfitError, read_drive, read_drives
+from trainer.twin.fit import (
+    EYE_PIECE_S,
+    camera_delay,
+    colours_told,
+    fit_twin,
+    looked_at,
+    write_twin,
+)
+from trainer.twin.motion import (
+    NAMES,
+    Motion,
+    Told,
+    at_times,
+    fit_motion,
+    from_above,
+    pieces,
+    reckoned,
+    smoothed,
+)
+from trainer.twin.recorded import Recorded, UnfitError, read_drive, read_drives
 
 OWN = replace(
     NOMINAL,
@@ -70,6 +88,43 @@ def test_the_motors_of_known_drives_are_found(lasting_s: tuple[float, ...]) -> N
     assert off["trim"] < 0.004
     assert off["turn_gain"] < 0.02
     assert off["delay_s"] + off["turn_lag_s"] < 0.06
+
+
+def jerky(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Motors (9,), commands, the way they lead, and moments [s] of which something is told."""
+    true = np.array((0.95, 0.02, 1.05, 0.12, 0.1, 0.1, 0.0, 0.0, 0.0))
+    driven = commands(seconds, np.random.default_rng(0))
+    track = reckoned(driven, true[None])[0]
+    return true, driven, track, np.arange(10, round(10 * seconds) - 10) * 0.1
+
+
+def test_a_way_bends_between_the_poses_that_tell_it() -> None:
+    true, driven, track, times_s = jerky(20.0)
+    told = from_above(driven, np.column_stack((times_s, at_times(track, times_s, true[5]))))
+    way = smoothed(told, Motion(true, true))
+    after_s = np.arange(60, 500) * PHYSICS_DT_S
+    off = at_times(way, after_s) - at_times(track, after_s, true[5])
+    assert np.abs(off[:, :2]).max() < 1e-3
+    assert np.abs(off[:, 2]).max() < math.radians(0.1)  # 1.4 degrees as chords of a fifth second
+
+
+def test_the_delay_of_pictures_is_told_by_headings() -> None:
+    """Also where it is not known how soon the robot gets faster."""
+    late_s, rng = 0.07, np.random.default_rng(3)
+    true, driven, track, times_s = jerky(80.0)
+    poses = at_times(track, times_s, true[5] + late_s)
+    seen = Told(driven, times_s, poses, np.tile(300.0 * np.eye(3), (len(poses), 1, 1)), 3.0)
+    overhead = np.column_stack((times_s, at_times(track, times_s, true[5])))
+    error = np.zeros(3)
+    for row in overhead:
+        error = 0.95 * error + 0.31 * rng.normal(0.0, (0.03, 0.03, 0.09))
+        row[1:] += error
+    nothing = np.zeros((0, 4))
+    drive = Recorded("", driven, times_s, nothing, overhead, nothing, 0.0, ())
+    slow = true + np.array((0.0, 0.0, 0.0, 0.15, 0.0, late_s, 0.0, 0.0, 0.0))
+    found_s, sd_s = camera_delay([drive], [seen], Motion(slow, slow))
+    assert sd_s < 0.012
+    assert found_s == pytest.approx(late_s, abs=2.0 * sd_s)
 
 
 @given(st.floats(20.0, 1_800.0), st.floats(8.0, 30.0), st.integers(1, 20))
@@ -258,6 +313,14 @@ def test_pitch_is_told_from_the_lens_and_the_width_of_lines_by_steps_along_their
     assert found[0] == pytest.approx(true[0], abs=0.002)
     assert found[1] == pytest.approx(true[1], abs=0.02)  # 0.04 by plain steps
     assert found[7] == pytest.approx(true[7], abs=0.06)
+
+
+def test_pictures_find_their_places_from_where_the_robot_was_a_little_before() -> None:
+    road_map, poses, images = worn_pictures(USUAL)
+    late = compose(poses, np.array([(-0.012, 0.0, 0.06)]))  # 40 ms, in a bend
+    found, _, _ = settle(views_of(list(images), late, road_map), USUAL, late, 6)
+    left_rad = np.median(wrap_angle(found[:, 2] - poses[:, 2]))
+    assert abs(left_rad) < 0.003  # a twentieth; an eighth by plain steps
 
 
 def test_a_camera_costs_more_for_which_the_robot_was_elsewhere_than_it_was_told() -> None:

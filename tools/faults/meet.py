@@ -57,8 +57,7 @@ def meet(options: FaultsOptions) -> int:
     _play(cases, outcomes, options)
     if options.report:
         met = {(outcome.family, outcome.name) for outcome in outcomes}
-        every = chosen(replace(options, family=(), case=()))
-        named = [(case.family, case.name) for case in every]
+        named = [(case.family, case.name) for case in chosen(replace(options, family=(), case=()))]
         write_report(outcomes, options.report, [" ".join(n) for n in named if n not in met])
     failed = [outcome for outcome in outcomes if outcome.problem]
     for outcome in failed:

@@ -94,8 +94,7 @@ class Driver:
         away_m, aside_rad = self._rng.uniform(0.0, TOLD_M), self._rng.uniform(-math.pi, math.pi)
         told = self.bench.town.pose.moved(0.0, aside_rad).moved(away_m, 0.0).moved(0.0, -aside_rad)
         told = told.moved(0.0, self._rng.uniform(-TOLD_RAD, TOLD_RAD))
-        ahead = told.moved(1.0, 0.0)
-        operator.ask("place", ahead[:2], start=told[:2])
+        operator.ask("place", told.moved(1.0, 0.0)[:2], start=told[:2])
         for kind in ("arm", "auto"):
             operator.ask(kind)
         self.rest()

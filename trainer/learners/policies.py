@@ -55,8 +55,7 @@ def build_policy(config: RunConfig) -> BasePolicy:
     arguments["lr_schedule"] = lambda _: config.learn.learning_rate
     # It does not learn, and a first optimiser of torch's imports its compiler, for seconds.
     arguments["optimizer_class"] = lambda *_, **__: None
-    policy = find_algorithm(config.algorithm).policy
-    return policy(observation_space(config), actions, **arguments)
+    return find_algorithm(config.algorithm).policy(observation_space(config), actions, **arguments)
 
 
 def policy_arguments(config: RunConfig) -> dict[str, Any]:

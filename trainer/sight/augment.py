@@ -59,8 +59,7 @@ def glinting(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     across = np.exp(-0.5 * ((np.arange(width) - at[0]) / wide) ** 2)
     down = np.exp(-0.5 * ((np.arange(height) - at[1]) / high) ** 2)
     light = (rng.uniform(20.0, 180.0, (count, 1)) * down).T @ across
-    colour = rng.uniform(0.8, 1.0, 3)
-    return np.clip(image + light[..., None] * colour, 0.0, 255.0).astype(np.uint8)
+    return np.clip(image + light[..., None] * rng.uniform(0.8, 1.0, 3), 0.0, 255.0).astype(np.uint8)
 
 
 def fronted(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:

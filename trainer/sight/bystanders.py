@@ -90,8 +90,7 @@ def clear_m(view: LaneView, pose: Pose, others: Sequence[Other]) -> tuple[float,
 
     They differ where something stands so near beside the lane that nobody can tell.
     """
-    reach_m = AHEAD_M[-1]
-    near = [o for o in others if math.hypot(o.x_m - pose.x_m, o.y_m - pose.y_m) < reach_m]
+    near = [o for o in others if math.hypot(o.x_m - pose.x_m, o.y_m - pose.y_m) < AHEAD_M[-1]]
     way_m = view.way(pose, AHEAD_M) if near else None
     if way_m is None:
         return math.inf, math.inf

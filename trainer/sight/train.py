@@ -104,8 +104,7 @@ class PictureFile(NamedTuple):
         """Gather them."""
         maps, look = [load_map(name) for name in self.maps], load_look_sampler(self.look)
         task = Bystanders(maps, ROBOTS, START_SPREAD, self.seed)
-        driven = drive(task, look, self.seed, DECISIONS)
-        made = joined([driven, anywhere(maps, look, self.seed)])
+        made = joined([drive(task, look, self.seed, DECISIONS), anywhere(maps, look, self.seed)])
         with atomically(self.path) as temporary, temporary.open("wb") as file:
             np.savez(file, **made._asdict())
 

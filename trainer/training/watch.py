@@ -54,8 +54,7 @@ class Watch(BaseCallback):
         self._env, self._crew, self._others_cpu_s = env, crew, 0.0
         backbone = config.net.backbone
         self._seer = Seer(Path(backbone), config.device) if backbone else None
-        robots = share_of(config, rank=0).learn.robots
-        self._count = EpisodeCount(robots, config.reward_scale)
+        self._count = EpisodeCount(share_of(config, rank=0).learn.robots, config.reward_scale)
         self._recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
         self._saved = self._logged = self._shown = time.monotonic()
         self._started = time.monotonic() - state.seconds

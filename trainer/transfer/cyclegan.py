@@ -288,8 +288,7 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
         return f"cycle {losses['cycle']:.2f}, structure {losses['structure']:.2f}"
 
     parts = {**model.parts, "newest": newest}
-    checkpoint = out / "checkpoint.pt"
-    run_steps(checkpoint, parts, config.steps, config.seed, step, "CycleGAN", console)
+    run_steps(out / "checkpoint.pt", parts, config.steps, config.seed, step, "CycleGAN", console)
     model.kept.load_state_dict(newest.weights)
     generators = [PictureTranslator(each) for each in model.kept]
     of_run = config.image, out.resolve().name, newest.steps

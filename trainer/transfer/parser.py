@@ -53,8 +53,7 @@ class Parser(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, H, W, 3) uint8 RGB -> the same, painted; what is exported."""
-        seen = painted(self.network(image), self.colours)
-        return seen.to(torch.uint8).permute(0, 2, 3, 1)
+        return painted(self.network(image), self.colours).to(torch.uint8).permute(0, 2, 3, 1)
 
     def export(self, name: str, path: Path) -> None:
         """Write it as an ONNX translator of whole frames at its own size, of the run ``name``."""

@@ -142,8 +142,7 @@ def teach_pairs(
 
 
 def _belongs(logits: torch.Tensor, truth: float) -> torch.Tensor:
-    target = torch.full_like(logits, truth)
-    return functional.binary_cross_entropy_with_logits(logits, target)
+    return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, truth))
 
 
 def _normal(module: nn.Module) -> None:

@@ -289,8 +289,7 @@ def camera_delay(
             grid_s = np.arange(len(way)) * moved.PHYSICS_DT_S
             late_rad = np.interp(poses[:, 0] + guess[0], grid_s, way)
             missed = np.asarray(wrap_angle(poses[:, 3] - late_rad - guess[1]))
-            gaps = np.diff(poses[:, 0])
-            rows.append(missed[1:] - keep ** (gaps / 0.1) * missed[:-1])
+            rows.append(missed[1:] - keep ** (np.diff(poses[:, 0]) / 0.1) * missed[:-1])
         return np.concatenate(rows)
 
     guess, keep = np.array((0.03, 0.0)), 0.0
