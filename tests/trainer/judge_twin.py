@@ -120,7 +120,7 @@ def _levels(twin: Twin, drive: Recorded) -> float:
 def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
     """Fit as many robots as are asked for."""
     found = []
-    for k in range(options.robots):
+    for k in range(options.first, options.first + options.robots):
         look = load_look_sampler(options.look)(np.random.default_rng((options.seed, k)))
         path = record_drive(look, MAP, options.seconds, options.seed + k, folder / f"{k}.mcap")
         drive = read_drive(path)
@@ -139,6 +139,7 @@ def main() -> int:
     """Print each robot's errors, and how many are within each aim."""
     parser = OneLineParser(prog="python -m tests.trainer.judge_twin", description=__doc__)
     parser.add_argument("--robots", type=whole(1, 1000), default=30)
+    parser.add_argument("--first", type=whole(0, 1000), default=0, help="number of the first")
     parser.add_argument("--seconds", type=number(20, 600), default=90.0, help="of each drive")
     parser.add_argument("--look", default="wide/day", help="to draw robots from")
     parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=0)
