@@ -318,7 +318,9 @@ def test_pitch_is_told_from_the_lens_and_the_width_of_lines_by_steps_along_their
 def test_pictures_find_their_places_from_where_the_robot_was_a_little_before() -> None:
     road_map, poses, images = worn_pictures(USUAL)
     late = compose(poses, np.array([(-0.012, 0.0, 0.06)]))  # 40 ms, in a bend
-    found, _, _ = settle(views_of(list(images), late, road_map), USUAL, late, 6)
+    found, _, _ = settle(
+        views_of(list(images), late, road_map), USUAL, late, fit.TRACK_STEPS, camera.FARTHEST
+    )
     left_rad = np.median(wrap_angle(found[:, 2] - poses[:, 2]))
     assert abs(left_rad) < 0.003  # a twentieth; an eighth by plain steps
 

@@ -238,7 +238,7 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
             vector = vector + told[:count] - cross @ (told[count:] + belief @ off)
         change = np.clip(np.linalg.solve(matrix, vector) / SPREAD, -1.0, 1.0)
         goal = values + SPREAD * change
-        step, last = onward(goal, change, last), (goal, change)
+        step, last = onward(goal, change, last, FARTHEST), (goal, change)
         values = np.clip(step, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
     sd, share = np.sqrt(np.diag(np.linalg.inv(matrix))), float(np.median(shares))
     off, unusual = (now - views.poses) / POSE_SPREAD, (values - USUAL) / SPREAD
@@ -247,7 +247,7 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
     return Fitted(values, sd, now, share, cost)
 
 
-def onward(goal: np.ndarray, change: np.ndarray, last: Goal | None) -> np.ndarray:
+def onward(goal: np.ndarray, change: np.ndarray, last: Goal | None, farthest: float) -> np.ndarray:
     """Where to go, of a step that leads to ``goal`` by a ``change``, after another one.
 
     Steps along a valley, in which pitch, lens and poses change and the pictures hardly do, come out
@@ -258,15 +258,16 @@ def onward(goal: np.ndarray, change: np.ndarray, last: Goal | None) -> np.ndarra
         return goal
     less = last[1] - change
     on = max(0.0, less @ change) / max(less @ less, 1e-12)
-    return goal + min(on, FARTHEST) * (goal - last[0])
+    return goal + min(on, farthest) * (goal - last[0])
 
 
 def settle(
-    views: Views, values: np.ndarray, begin: np.ndarray, steps: int = 3
+    views: Views, values: np.ndarray, begin: np.ndarray, steps: int = 3, farthest: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Poses (F, 3) of the eye in the views, from ``begin`` on.
 
-    Also roots (F, 3, 3) of their information, and how much of each picture is explained.
+    Also roots (F, 3, 3) of their information, and how much of each picture is explained. Going on
+    by up to ``farthest`` steps is for a camera that is known: by another one it leads astray.
     """
     eye, belief = Eye(views.road_map, values, False), np.diag(1.0 / POSE_SPREAD**2)
     now, roots, shares = begin.copy(), np.zeros((len(begin), 3, 3)), np.zeros(len(begin))
@@ -278,6 +279,6 @@ def settle(
             step = np.linalg.solve(own, vector + belief @ (views.poses[k] - now[k]))
             change = np.clip(step / POSE_SPREAD, -1.0, 1.0)
             goal = now[k] + POSE_SPREAD * change
-            now[k], last = onward(goal, change, last), (goal, change)
+            now[k], last = onward(goal, change, last, farthest), (goal, change)
         roots[k] = np.linalg.cholesky(own).T
     return now, roots, shares

@@ -29,6 +29,7 @@ KEY_PICTURES, TRACKED = 60, 400
 SHOWN = 6  # of the key pictures, on the page
 EYE_PIECE_S = 3.0  # of driving, for which the wheels are trusted between poses that the eye told
 IN_PIECE, LEAST_TRACKED = 13, 40  # pictures of each piece, and of each drive
+TRACK_STEPS = 6
 LEAST_TOLD = 30  # of these pictures must tell something
 NEAR_S = 0.5  # of a told pose: farther away the way is the wheels' alone
 LEAST_OBEYED = 0.6  # correlation
@@ -184,7 +185,8 @@ def _tracks(
     for k, (drive, way) in enumerate(zip(drives, near, strict=True)):
         few = looked_at(drive.times_s, len(drives))
         views = seen.views_of(drive.images[few], way[few], drive.road_map)
-        poses, roots, shares = seen.settle(views, camera.values, views.poses, steps=6)
+        settled = seen.settle(views, camera.values, views.poses, TRACK_STEPS, seen.FARTHEST)
+        poses, roots, shares = settled
         fair = shares >= _FAIR * camera.share
         matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
         sure = np.swapaxes(np.linalg.cholesky(matrices), 1, 2)
