@@ -311,7 +311,7 @@ def test_pitch_is_told_from_the_lens_and_the_width_of_lines_by_steps_along_their
     begin = true + np.array((0.008, -0.08, 0.0, 0.0, 0.0, 0.0, -6.5, -0.15))
     found = descend(views_of(list(images), poses, road_map), begin, 8, poses).values
     assert found[0] == pytest.approx(true[0], abs=0.002)
-    assert found[1] == pytest.approx(true[1], abs=0.02)  # 0.04 by plain steps
+    assert found[1] == pytest.approx(true[1], abs=0.025)  # 0.04 by plain steps
     assert found[7] == pytest.approx(true[7], abs=0.06)
 
 

@@ -285,7 +285,14 @@ def test_the_way_on_is_by_a_place_whose_lane_lies_as_the_one_that_is_seen() -> N
 def test_before_what_may_rather_be_a_t_it_turns_right(
     cross: float, left: float, tee: float, turned_deg: float
 ) -> None:
-    rng, view = np.random.default_rng(1), LaneView(TOWN)
+    """In most of five searches: in one or the other the likeliest place is not before a cross."""
+    turned = [turned_at_the_crossing(seed, (0.0, cross, left, 0.05, tee)) for seed in range(5)]
+    assert np.median(turned) == pytest.approx(turned_deg, abs=25.0)
+
+
+def turned_at_the_crossing(seed: int, junction: tuple[float, ...]) -> float:
+    """By how many degrees the way on turns there that a search chooses."""
+    rng, view = np.random.default_rng(seed), LaneView(TOWN)
     search = Whereabouts(LaneGraph(TOWN), view)
     search.move(0.0, 0.0, 0.0)
     for k in range(45):  # to the crossing from the south
@@ -295,15 +302,14 @@ def test_before_what_may_rather_be_a_t_it_turns_right(
         search.move(0.02, 0.0, now_s)
         seen = look(view, truth, rng)
         if road.line_m < 0.6:
-            seen.junction[0] = (0.0, cross, left, 0.05, tee)
+            seen.junction[0] = junction
         search.see(seen, now_s)
         if road.line_m < 0.15:
             break
     way = search.on(now_s)
     assert way is not None
     beyond = way.path.pose_at(way.at.arc_m + 0.7)  # a tile is 0.585 m
-    turned = wrap_angle(beyond.heading_rad - way.pose.heading_rad)
-    assert math.degrees(float(turned)) == pytest.approx(turned_deg, abs=25.0)
+    return math.degrees(float(wrap_angle(beyond.heading_rad - way.pose.heading_rad)))
 
 
 def test_a_navigator_drives_on_while_it_looks_and_only_then() -> None:
