@@ -26,6 +26,7 @@ from tools.loop.laps import LapDrive
 from trainer.twin.cli import teach_command
 from trainer.twin.teach import base_file
 
+INPUTS = ("base", "map", "missions", "judged", "seed")  # of what a folder holds
 LAPS = 2.0  # of each drive, as the proof's
 
 
@@ -118,10 +119,16 @@ def floor(options: argparse.Namespace, name: str, look: Look) -> Floor | None:
 
 
 def judge(options: argparse.Namespace) -> None:
-    """Print each floor, and write them."""
+    """Print each floor, and write them. ConfigError: FOLDER holds those of other options."""
+    inputs = {name: getattr(options, name) for name in INPUTS}
+    options.folder.mkdir(parents=True, exist_ok=True)
+    kept: Path = options.folder / "inputs.json"
+    if kept.is_file() and (before := json.loads(kept.read_text())) != inputs:
+        raise ConfigError(f"{options.folder}: expected a new folder, or {before}, got {inputs}")
+    write_json(kept, inputs)
     done = []
     for name, look in floors(0):
-        if options.floors and name not in options.floors:
+        if options.floors is not None and name not in options.floors:
             continue
         if told := floor(options, name, look):
             done.append(asdict(told))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.navigation import RandomRoutes
 from tests.tools.recorded import recorded
+from tests.trainer import judge_teach_loop
 from tools.data.drives import write_drive
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
@@ -264,3 +266,11 @@ def test_one_failure_tells_a_place_and_no_look() -> None:
     road_map = load_map("loop")
     one = [(k > 0, Ride(poses=[np.zeros(3)], look=NOMINAL)) for k in range(20)]
     assert where_failed(road_map, one) == "most on the bend in the south-west (1 of 1)"
+
+
+def test_floors_of_other_options_are_not_taken_for_these(tmp_path: Path) -> None:
+    nothing = ["--floors", "--record-only"]  # named none: none is driven
+    own = tmp_path / "inputs.json"
+    own.write_text(json.dumps({"base": "lane_ppo"}))
+    assert judge_teach_loop.main([str(tmp_path), "--base", "lane_dueling", *nothing]) == 2
+    assert json.loads(own.read_text()) == {"base": "lane_ppo"}
