@@ -266,6 +266,7 @@ def test_a_wrong_minimum_is_not_believed(tmp_path: Path, monkeypatch: pytest.Mon
     [
         (4, 321, 4),  # by twelve pictures a camera 18 mm lower
         (6000, 1, 6001),  # one 45 mm higher explains more of them, if the robot was elsewhere
+        (0, 28, 28),  # by six pictures seven others, 18 to 48 mm lower, seem better
     ],
 )
 def test_the_best_camera_is_chosen(
