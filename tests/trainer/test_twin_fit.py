@@ -206,7 +206,9 @@ def test_the_look_of_a_known_robot_is_found(
     assert found.camera.yaw_rad - found.camera.centre_right_px / 76.0 == pytest.approx(
         0.03, abs=0.03
     )
-    assert found.drive.gain == pytest.approx(0.93, abs=0.02)
+    gain, sd = twin.found["drive.gain"]  # of 100 pictures, so it is not sure of it
+    assert sd < 0.015
+    assert gain == pytest.approx(0.93, abs=3.0 * sd)
     assert found.drive.trim == pytest.approx(0.03, abs=0.005)
     assert found.sensor.noise == pytest.approx(3.0, abs=1.0)
     assert np.abs(np.subtract(found.ground.asphalt_rgb, OWN.ground.asphalt_rgb)).max() < 8
