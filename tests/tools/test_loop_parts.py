@@ -37,7 +37,7 @@ from tests.sim_pybullet.lane_pose import lane_pose
 from tests.tools.pursuit import write_pursuit
 from tools.loop.bench import Bench, free_ports
 from tools.loop.devices import BusServer, Listener, PictureServer
-from tools.loop.drive import aim
+from tools.loop.drive import aim, whim
 from tools.loop.missions import Driver, distance_m
 from tools.loop.process import Process
 from tools.loop.proxy import Proxy
@@ -236,7 +236,21 @@ def test_a_hand_steers_back_to_its_way_and_slower_in_bends() -> None:
     assert left_of_it.stick.steer == pytest.approx(-right_of_it.stick.steer)
     assert right_of_it.stick.speed < 0.9
     assert right_of_it.left_m == pytest.approx(1.5)
-    assert aim(way, Pose(0.5, 0.0, 0.0), aside_m=0.03).stick.steer > 0.05
+    weaves = aim(way, Pose(0.5, 0.0, 0.0), pace=0.5, weave_pm=2.0).stick
+    assert weaves.speed == pytest.approx(0.4), "half of it, and slower in a bend"
+    assert weaves.steer / weaves.speed == pytest.approx(2.0 / 8.0), "2 per metre of 8"
+
+
+def test_a_twins_driver_stands_then_brakes_stops_and_weaves_to_both_sides() -> None:
+    times_s = np.arange(0.0, 60.0, 0.1)
+    wishes = np.array([whim(t, np.array((0.3, 1.0, 2.0, 4.0))) for t in times_s])
+    assert not wishes[times_s < 2.0, 0].any()
+    drives = wishes[times_s >= 2.0]
+    assert set(drives[:, 0]) == {0.0, 0.57, 0.8, 1.0}
+    assert drives[:, 0].mean() > 0.7
+    assert drives[:, 1].min() == pytest.approx(-2.2)
+    assert drives[:, 1].max() == pytest.approx(2.2)
+    assert abs(drives[:, 1].mean()) < 0.3
 
 
 def test_a_bench_that_ignores_hang_ups_starts_programs_that_do_not(tmp_path: Path) -> None:

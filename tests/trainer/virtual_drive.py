@@ -24,9 +24,9 @@ from sim_pybullet.sensing.guidance_feed import PoseError
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import Task, TaskStep
+from tools.loop.drive import whim
 
 BEGAN_S = 1_000.0  # by the robot's clock
-STANDS_S = 2.0  # before it drives off
 _ENDLESS_LAPS = 1e6
 
 
@@ -100,13 +100,10 @@ class Person:
 
     def wheels(self, world: BatchWorld, time_s: float) -> tuple[float, float]:
         """Rim speeds [m/s] of the only robot."""
-        if time_s < STANDS_S:
-            return 0.0, 0.0
-        a, b, c, d = np.sin(np.array((0.9, 0.37, 1.9, 3.1)) * time_s + self._phases)
-        speed_mps = 0.0 if b > 0.97 else 0.3 if a > 0.3 else 0.24 if a > -0.5 else 0.17
+        pace, weave = whim(time_s, self._phases)
+        speed_mps = 0.3 * pace
         task, poses = world.task, world.poses
         bend_pm = float(pursuit(task.paths, poses, task.course.arc_m + 0.16)[0])
-        weave = 1.4 * np.sign(c) + 0.8 * np.sign(d)
         turn = speed_mps * (np.clip(bend_pm, -9.0, 9.0) + weave)
         left, right = DRIVE.wheels(Twist(speed_mps, turn))
         most = max(1.0, abs(left) / MAX_WHEEL_MPS, abs(right) / MAX_WHEEL_MPS)

@@ -36,7 +36,7 @@ from tools.video import DriveFilm, Moment
 
 AHEAD_M = 0.2  # what a hand steers for
 HARD_PER_M = 8.0  # curvature of a hard turn at full speed: 2.4 rad/s at 0.3 m/s
-WANDER_M, WAVE_M = 0.03, 1.3  # an expert shows how to come back, too
+STANDS_S = 2.0  # before it drives off
 STRAYED_M, BACK_M = 0.045, 0.02  # from its path: a person takes over, and hands over again
 NOTICES_S = 0.3
 LONGEST_S = 8.0  # of one help
@@ -51,15 +51,28 @@ class Aim(NamedTuple):
     hint: int  # of where on the path it is, for the next time
 
 
-def aim(way: LanePath, pose: Pose, aside_m: float = 0.0, hint: int | None = None) -> Aim:
-    """Steer for a point of a path, ``aside_m`` to the left of it; ``hint``: of `Path.project`.
+def whim(time_s: float, phases: np.ndarray) -> tuple[float, float]:
+    """A share of full speed, and a curvature [1/m] to steer besides, of who shows a twin all.
 
-    Pure pursuit (Coulter 1992), slower in bends.
+    It stands for two seconds, then brakes, stops, drives off and weaves by jerks, as
+    docs/own-floor.md asks of a person; four phases [rad] make it another drive.
+    """
+    a, b, c, d = np.sin(np.array((0.9, 0.37, 1.9, 3.1)) * time_s + phases)
+    speed = 0.0 if b > 0.97 else 1.0 if a > 0.3 else 0.8 if a > -0.5 else 0.57
+    return speed * (time_s >= STANDS_S), float(1.4 * np.sign(c) + 0.8 * np.sign(d))
+
+
+def aim(
+    way: LanePath, pose: Pose, hint: int | None = None, pace: float = 1.0, weave_pm: float = 0.0
+) -> Aim:
+    """Steer for a point of a path, at a share of full speed; ``hint``: of `Path.project`.
+
+    Pure pursuit (Coulter 1992), slower in bends, and by ``weave_pm`` more to the left.
     """
     at = way.project(pose.x_m, pose.y_m, hint)
-    x_m, y_m = pose.to_robot(way.pose_at(at.arc_m + AHEAD_M).to_world(np.array([0.0, aside_m])))
-    bend = 2.0 * y_m / max(x_m * x_m + y_m * y_m, 1e-6) / HARD_PER_M
-    speed = 1.0 / (1.0 + abs(bend))
+    x_m, y_m = pose.to_robot(np.array(way.pose_at(at.arc_m + AHEAD_M)[:2]))
+    bend = (2.0 * y_m / max(x_m * x_m + y_m * y_m, 1e-6) + weave_pm) / HARD_PER_M
+    speed = pace / (1.0 + abs(bend))
     stick = Stick(float(np.clip(bend * speed, -1.0, 1.0)), speed)
     return Aim(stick, way.length_m - at.arc_m, at.index)
 
@@ -75,10 +88,11 @@ class Expert(Driver):
         self.rest()
         accepted, record.reason = operator.ask("arm")
         began_s, left_m, hint = bench.now_s, record.length_m, 0
+        phases = self._rng.uniform(0.0, 2.0 * math.pi, 4)
         late_s = began_s + record.length_m / DAWDLE_MPS
         while accepted and left_m > THERE_M and bench.now_s < late_s:
-            wave = math.sin(2.0 * math.pi * left_m / WAVE_M)
-            stick, left_m, hint = aim(way, bench.town.pose, WANDER_M * wave, hint)
+            wish = whim(bench.now_s - began_s, phases)
+            stick, left_m, hint = aim(way, bench.town.pose, hint, *wish)
             operator.steer(stick)
             self._look()
             record.offsets_m.append(distance_m(way.points_m, bench.town.pose))
