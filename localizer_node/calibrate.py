@@ -109,8 +109,7 @@ def calibrate(
     tallest_m = max([0.0, *(m.board.height_m for m in robots)])
     parallax = _parallax_sigma_mm(fit, map_size_m, tallest_m)
     calibration = replace(rough, residual_mm=residual, roi_px=_roi(rough, tallest_m))
-    checked = 2 * len(points) - freedom.unknowns >= ENOUGH_SPARE
-    return Report(calibration, parallax, checked)
+    return Report(calibration, parallax, 2 * len(points) - freedom.unknowns >= ENOUGH_SPARE)
 
 
 def _check_points(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens) -> None:

@@ -164,8 +164,7 @@ class WayCheck:
         ahead = np.exp(1j * rows[:, _SEEN_RAD])  # a robot that stands has a heading, too
         speed = np.abs(_velocities(rows))
         changed = _between(np.cumsum(np.diff(speed, prepend=speed[0]) * ahead))
-        turned = _between(ahead)
-        late_m, aside_m = FINE_TIMING_S * changed, FINE_ASIDE_M * turned
+        late_m, aside_m = FINE_TIMING_S * changed, FINE_ASIDE_M * _between(ahead)
         fine, _ = _in_a_row(self._fine(now, then, late_m**2 + aside_m**2))
         return WayDoubt(worst / CONTRADICTION, fine / FINE_CONTRADICTION, stands)
 

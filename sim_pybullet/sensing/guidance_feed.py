@@ -207,8 +207,7 @@ class PoseError:
         seen[self._missing(rng)] = np.nan
         self._sent.push(seen)
         arrived = self._sent.read()
-        captured_s = np.where(np.isnan(arrived[:, 0]), -math.inf, now_s - self._delay_s)
-        return arrived, captured_s
+        return arrived, np.where(np.isnan(arrived[:, 0]), -math.inf, now_s - self._delay_s)
 
     def _missing(self, rng: np.random.Generator) -> np.ndarray:
         """(N,) bool: in a gap. No gap follows another without a pose between them."""

@@ -38,8 +38,7 @@ def smeared(frames: np.ndarray, lengths_px: np.ndarray) -> np.ndarray:
 def smear_weights(length_px: float) -> np.ndarray:
     """(2 R + 1,) weights of the pixels to both sides in an average over so many."""
     half = int(np.ceil(0.5 * length_px)) if length_px > _SMALLEST_SMEAR_PX else 0
-    offsets = np.abs(np.arange(-half, half + 1))
-    weights = np.clip(0.5 * length_px + 0.5 - offsets, 0.0, 1.0)
+    weights = np.clip(0.5 * length_px + 0.5 - np.abs(np.arange(-half, half + 1)), 0.0, 1.0)
     return weights / weights.sum()
 
 

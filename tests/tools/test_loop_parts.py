@@ -236,7 +236,7 @@ def test_a_hand_steers_back_to_its_way_and_slower_in_bends() -> None:
     assert left_of_it.stick.steer == pytest.approx(-right_of_it.stick.steer)
     assert right_of_it.stick.speed < 0.9
     assert right_of_it.left_m == pytest.approx(1.5)
-    weaves = aim(way, Pose(0.5, 0.0, 0.0), pace=0.5, weave_pm=2.0).stick
+    weaves = aim(way, Pose(0.5, 0.0, 0.0), whims=(0.5, 2.0)).stick
     assert weaves.speed == pytest.approx(0.4), "half of it, and slower in a bend"
     assert weaves.steer / weaves.speed == pytest.approx(2.0 / 8.0), "2 per metre of 8"
 

@@ -43,6 +43,9 @@ LONGEST_S = 8.0  # of one help
 THERE_M = 0.03  # before the end of a way
 
 
+Whims = tuple[float, float]  # a share of full speed, and a curvature to steer besides [1/m]
+
+
 class Aim(NamedTuple):
     """What a hand does now, and how far it is to the end of the way [m]."""
 
@@ -51,28 +54,25 @@ class Aim(NamedTuple):
     hint: int  # of where on the path it is, for the next time
 
 
-def whim(time_s: float, phases: np.ndarray) -> tuple[float, float]:
-    """A share of full speed, and a curvature [1/m] to steer besides, of who shows a twin all.
+def whim(time_s: float, phases: np.ndarray) -> Whims:
+    """Of who shows a twin all, by four phases [rad].
 
-    It stands for two seconds, then brakes, stops, drives off and weaves by jerks, as
-    docs/own-floor.md asks of a person; four phases [rad] make it another drive.
+    As docs/own-floor.md asks: stands for two seconds, then brakes, stops and weaves by jerks.
     """
     a, b, c, d = np.sin(np.array((0.9, 0.37, 1.9, 3.1)) * time_s + phases)
     speed = 0.0 if b > 0.97 else 1.0 if a > 0.3 else 0.8 if a > -0.5 else 0.57
     return speed * (time_s >= STANDS_S), float(1.4 * np.sign(c) + 0.8 * np.sign(d))
 
 
-def aim(
-    way: LanePath, pose: Pose, hint: int | None = None, pace: float = 1.0, weave_pm: float = 0.0
-) -> Aim:
-    """Steer for a point of a path, at a share of full speed; ``hint``: of `Path.project`.
+def aim(way: LanePath, pose: Pose, hint: int | None = None, whims: Whims = (1.0, 0.0)) -> Aim:
+    """Steer for a point of a path, with `whim`; ``hint``: of `Path.project`.
 
-    Pure pursuit (Coulter 1992), slower in bends, and by ``weave_pm`` more to the left.
+    Pure pursuit (Coulter 1992), slower in bends.
     """
     at = way.project(pose.x_m, pose.y_m, hint)
     x_m, y_m = pose.to_robot(np.array(way.pose_at(at.arc_m + AHEAD_M)[:2]))
-    bend = (2.0 * y_m / max(x_m * x_m + y_m * y_m, 1e-6) + weave_pm) / HARD_PER_M
-    speed = pace / (1.0 + abs(bend))
+    bend = (2.0 * y_m / max(x_m * x_m + y_m * y_m, 1e-6) + whims[1]) / HARD_PER_M
+    speed = whims[0] / (1.0 + abs(bend))
     stick = Stick(float(np.clip(bend * speed, -1.0, 1.0)), speed)
     return Aim(stick, way.length_m - at.arc_m, at.index)
 
@@ -91,8 +91,8 @@ class Expert(Driver):
         phases = self._rng.uniform(0.0, 2.0 * math.pi, 4)
         late_s = began_s + record.length_m / DAWDLE_MPS
         while accepted and left_m > THERE_M and bench.now_s < late_s:
-            wish = whim(bench.now_s - began_s, phases)
-            stick, left_m, hint = aim(way, bench.town.pose, hint, *wish)
+            whims = whim(bench.now_s - began_s, phases)
+            stick, left_m, hint = aim(way, bench.town.pose, hint, whims)
             operator.steer(stick)
             self._look()
             record.offsets_m.append(distance_m(way.points_m, bench.town.pose))
@@ -236,8 +236,7 @@ def _drive_at(
         ),
         folder / str(driven),
     )
-    rng = np.random.default_rng((options.seed, driven))
-    driver = DRIVERS[options.driver](bench, rng)
+    driver = DRIVERS[options.driver](bench, np.random.default_rng((options.seed, driven)))
     first = None if driven else options.place("start")
     bench.town.world.place(driver.on_lane(*first) if first else driver.anywhere())
     with bench:

@@ -210,8 +210,7 @@ def _films(paths: Sequence[Path], runs: Sequence[Run], missing: list[str]) -> li
 
 def _curves(task: TaskSpec, runs: Sequence[Run], out: Path) -> Picture:
     """A row of panels for each run that has an episode, the paper's algorithms first."""
-    order = [*task.paper, *NAMES]
-    shown = sorted(runs, key=lambda run: order.index(run.config.algorithm))
+    shown = sorted(runs, key=lambda run: [*task.paper, *NAMES].index(run.config.algorithm))
     path = out / f"curves_{task.name}.png"
     records = [(run.name, [(run.episodes, run.state.evaluations)]) for run in shown if run.episodes]
     draw_panels(records, path)

@@ -166,8 +166,7 @@ class Watch(BaseCallback):
     def _show(self) -> None:
         """Returns are means of the reward of an episode; choices by chance lower that learning."""
         steps, seconds = self._first
-        rate = (self.steps - steps) / max(self.state.seconds - seconds, 1e-9)
-        told = f"{rate:.0f}/s"
+        told = f"{(self.steps - steps) / max(self.state.seconds - seconds, 1e-9):.0f}/s"
         if self._recent:
             told += f" · return {np.mean([e.reward for e in self._recent]):.0f} learning"
         if self.state.evaluations:

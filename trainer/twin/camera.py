@@ -44,10 +44,12 @@ PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
 APART_M, APART_RAD = 0.01, 0.05  # of height and middle of the picture: two cameras, not one
 RIVAL = 1.3  # times as much may the next best leave unexplained, to be as likely
 SOFT_PX, BLUR_PX = 3.0, 1.0  # of pictures: to find lines from afar, and against aliasing
+YELLOW_PX = 1.5  # more of yellow: JPEG keeps colours less sharp than brightness
 _EVERY = 3  # pixels of which one is asked
 _ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
 _TELLS = 8.0  # and between two cameras a picture as much as so few numbers
 ROWS, COLUMNS = np.mgrid[-1:1:120j, -1:1:160j]  # of pixels
+_FAR = (ROWS**2 + COLUMNS**2).ravel()[:, None]
 _SHADES = (np.ones_like(ROWS), ROWS, COLUMNS, ROWS**2, COLUMNS**2)
 _SHADING = np.stack(_SHADES, axis=-1).reshape(-1, len(_SHADES))
 _COVER = {
@@ -74,6 +76,13 @@ def rig_of(values: np.ndarray) -> CameraRig:
     return replace(Look(), camera=camera).rig()
 
 
+class Cover(NamedTuple):
+    """How much of each of three kinds known pixels see, and as much again of how far out it is."""
+
+    share: np.ndarray  # (N, 6)
+    slopes: np.ndarray  # (G, N, 6)
+
+
 class Eye:
     """Draws cover as a camera sees it, and as it would with each of the values a little otherwise.
 
@@ -95,8 +104,8 @@ class Eye:
         found = CameraRig(rigs[0].lens.scaled(160, 120), rigs[0].mount).to_floor(pixels)
         self._near = np.nan_to_num(np.hypot(found[..., 0], found[..., 1]), nan=np.inf) < FAR_M
 
-    def look(self, pose: np.ndarray, blur_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """At a pose (3,): indices (N,) of known pixels, cover (N, 3), its slopes (G, N, 3)."""
+    def look(self, pose: np.ndarray, blur_px: float) -> tuple[np.ndarray, list[Cover]]:
+        """At a pose (3,): indices (N,) of known pixels, and what covers these in each plane."""
         poses = np.tile(pose, (len(self._slots), 1))
         poses[-6:-3] += np.diag(_SMALL_POSE)
         poses[-3:] -= np.diag(_SMALL_POSE)
@@ -105,13 +114,20 @@ class Eye:
         off_road = cv2.erode(beside.astype(np.uint8), np.ones((9, 9))) > 0
         off_road |= cv2.dilate(unknown.astype(np.uint8), np.ones((5, 5))) > 0
         known = np.flatnonzero(self._near & ~off_road)[::_EVERY]
-        sharp = drawn.astype(np.float32) / 255.0
-        planes = np.stack([cv2.GaussianBlur(plane, (0, 0), blur_px) for plane in sharp])
-        seen = planes.reshape(len(planes), -1, 3)[:, known].astype(float)
+        bright = _blurred(drawn.astype(np.float32) / 255.0, blur_px)
+        return known, [self._cover(each, known) for each in (bright, _blurred(bright, YELLOW_PX))]
+
+    def _cover(self, drawn: np.ndarray, known: np.ndarray) -> Cover:
+        seen = drawn.reshape(len(drawn), -1, 3)[:, known].astype(float)
+        seen = np.concatenate((seen, _FAR[known] * seen), axis=-1)  # a lens shades its corners
         rigs = len(self._slots) - 7
         more = np.concatenate((seen[1 : 1 + rigs // 2], seen[-6:-3]))
         less = np.concatenate((seen[1 + rigs // 2 : 1 + rigs], seen[-3:]))
-        return known, seen[0], (more - less) / (2.0 * self._small)[:, None, None]
+        return Cover(seen[0], (more - less) / (2.0 * self._small)[:, None, None])
+
+
+def _blurred(pictures: np.ndarray, blur_px: float) -> np.ndarray:
+    return np.stack([cv2.GaussianBlur(each, (0, 0), blur_px) for each in pictures])
 
 
 def explain(
@@ -121,13 +137,13 @@ def explain(
 
     Normal equations of camera and pose, (G, G) and (G,); the share of variance that is explained.
     """
-    known, cover, slopes = eye.look(pose, blur_px)
-    matrix, vector = np.zeros((len(slopes), len(slopes))), np.zeros(len(slopes))
+    known, covers = eye.look(pose, blur_px)
+    matrix, vector = np.zeros((count := len(covers[0].slopes), count)), np.zeros(count)
     if len(known) < 200:
         return matrix, vector, 0.0
-    terms, shaded = np.concatenate((_SHADING[known], cover), axis=1), _SHADING[known]
-    left = whole = 0.0
-    for plane in planes[known].T:
+    shaded, left, whole = _SHADING[known], 0.0, 0.0
+    for plane, (cover, slopes) in zip(planes[known].T, covers, strict=True):
+        terms = np.concatenate((shaded, cover), axis=1)
         weights = np.ones(len(known))
         for _ in range(3):
             heavy = terms * weights[:, None]
@@ -136,7 +152,7 @@ def explain(
             missed = plane - terms @ found
             sigma = 1.4826 * np.median(np.abs(missed)) + 0.5
             weights = 1.0 / (1.0 + (missed / (2.5 * sigma)) ** 2)
-        slope = (slopes @ found[-3:]).T
+        slope = (slopes @ found[len(shaded.T) :]).T
         slope -= terms @ (solver @ slope)
         heavy = slope * (weights / (sigma**2 * _ALIKE))[:, None]
         matrix += heavy.T @ slope
@@ -183,9 +199,10 @@ def views_of(
     images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap, blur_px: float = BLUR_PX
 ) -> Views:
     """Of pictures (120, 160, 3): the planes are brightness and yellow."""
-    soft = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), blur_px) for image in images]
-    red, green, blue = np.moveaxis(np.array(soft), -1, 0)
-    planes = np.stack(((red + green + blue) / 3, (red + green) / 2 - blue), -1)
+    soft = _blurred(np.asarray(images, np.float32), blur_px)
+    red, green, blue = np.moveaxis(soft, -1, 0)
+    yellow = _blurred((red + green) / 2 - blue, YELLOW_PX)
+    planes = np.stack(((red + green + blue) / 3, yellow), -1)
     return Views(planes.reshape(len(images), -1, 2), poses, road_map, blur_px)
 
 

@@ -34,6 +34,8 @@ LEAST_TOLD = 30  # of these pictures must tell something
 NEAR_S = 0.5  # of a told pose: farther away the way is the wheels' alone
 LEAST_OBEYED = 0.6  # correlation
 LEAST_EXPLAINED = 0.5  # of the key pictures, else the camera is not known
+BEGIN_S = 150.0  # of driving, by whose told poses the motors are first known
+ALIKE = 3.0  # such poses err alike for seconds: they tell so many times less surely
 LATE_S = 0.04  # pictures are usually: where they were taken is looked for from there on
 _FAIR = 0.7  # of that, a picture must be explained to tell a pose
 _FLOOR = np.diag(np.array((3e-3, 3e-3, 8e-3)) ** 2)  # by which seen poses err at least
@@ -134,7 +136,8 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
             f"fit: expected a robot that turns as it is steered, got turns {alike:.0%} alike; "
             "is the steering written down the wrong way round?"
         )
-    motion = moved.fit_motion(above, eye=False, tries=6)
+    motion = moved.fit_motion(moved.beginning(above, BEGIN_S), eye=False)
+    above = [moved.surer(told, motion.scale) for told in above]
     ways = [moved.smoothed(told, motion) for told in above]
     near = [moved.at_times(w, d.times_s) for w, d in zip(ways, drives, strict=True)]
     shown = [moved.at_times(w, d.times_s, LATE_S) for w, d in zip(ways, drives, strict=True)]
@@ -146,7 +149,7 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     known = camera.share >= LEAST_EXPLAINED
     if known:
         told = _tracks(drives, shown, camera)
-        motion = moved.fit_motion(list(told.values()), eye=True)
+        motion = moved.fit_motion([*told.values()], True, believed(motion))
         if camera.rival is not None:
             other_mm = 1e3 * camera.rival[0]
             unseen.append(f"camera: one {other_mm:.0f} mm high explains the pictures as well")
@@ -168,6 +171,14 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     for name, (value, sd) in found.items():
         found[name] = value, max(sd, LEAST_SD.get(name.split(".")[1], 0.0))
     return Twin(found, tuple(unseen), camera, images[chosen], tuple(near))
+
+
+def believed(motion: moved.Motion) -> moved.Motion:
+    """By overhead poses, of what the eye then tells; its pictures are late, too."""
+    values, sd = motion.values.copy(), np.minimum(ALIKE * motion.sd, moved.SPREAD)
+    late = moved.NAMES.index("delay_s")
+    values[late], sd[late] = values[late] + LATE_S, np.hypot(sd[late], LATE_S)
+    return moved.Motion(values, sd)
 
 
 def _still(drive: Recorded) -> list[np.ndarray]:

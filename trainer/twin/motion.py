@@ -5,7 +5,7 @@ told poses as well as a shift and a turn can. What is then left tells gain, trim
 delay, and where on the robot the eye sits that told the poses.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,6 +26,10 @@ LOW = np.array((0.6, -0.2, 0.5, 0.0, 0.0, 0.0, -0.1, -0.1, -0.5))
 HIGH = np.array((1.5, 0.2, 1.6, 0.5, 0.5, 0.6, 0.1, 0.1, 0.5))
 EVERY = 6  # steps
 STEERS_RAD, LATE_S = 0.2, 0.2  # a second's steering, and how soon it is followed
+ROUNDS = (4, 4, 6)  # steps, after each of which poses count for as sure as they proved
+SUREST = 0.03  # times as sure as a source says, at most
+TRUSTED_S, SHORTEST_S = 8.0, 2.0  # for which wheels are, between poses of an arena, and sure ones
+Rows = Callable[[np.ndarray], np.ndarray]
 _SMALL = np.array((1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3, 1e-3, 1e-3, 1e-3))  # for derivatives
 
 
@@ -44,7 +48,25 @@ def from_above(commands: np.ndarray, told: np.ndarray) -> Told:
     root = np.diag(1.0 / np.array((0.03, 0.03, 0.09)))  # of an arena, see `sim_pybullet.look`
     order = np.argsort(told[:, 0])
     roots = np.broadcast_to(root, (len(told), 3, 3))
-    return Told(commands, told[order, 0], told[order, 1:], roots, 8.0)
+    return Told(commands, told[order, 0], told[order, 1:], roots, TRUSTED_S)
+
+
+def surer(drive: Told, scale: float) -> Told:
+    """With poses that err by so many times what was said; wheels are trusted for less long."""
+    piece_s = max(drive.piece_s * min(scale, 1.0) ** 0.5, SHORTEST_S)
+    return drive._replace(roots=drive.roots / scale, piece_s=piece_s)
+
+
+def beginning(drives: Sequence[Told], seconds: float) -> list[Told]:
+    """So much of drives, the first ones first."""
+    few: list[Told] = []
+    for drive in drives:
+        count = round(seconds / PHYSICS_DT_S) - sum(len(each.commands) for each in few)
+        told = drive.times_s < count * PHYSICS_DT_S
+        if told.any():
+            each = drive.times_s[told], drive.poses[told], drive.roots[told]
+            few.append(Told(drive.commands[:count], *each, drive.piece_s))
+    return few
 
 
 class Motion(NamedTuple):
@@ -52,6 +74,10 @@ class Motion(NamedTuple):
 
     values: np.ndarray
     sd: np.ndarray
+    scale: float = 1.0  # times what the source says its poses err by
+
+
+UNKNOWN = Motion(USUAL, SPREAD)
 
 
 def obeyed(drive: Told) -> float:
@@ -116,34 +142,43 @@ def pieces(times_s: np.ndarray, piece_s: float) -> list[np.ndarray]:
     return [part for part in found if len(part) >= 8]
 
 
-def fit_motion(drives: Sequence[Told], eye: bool, tries: int = 12) -> Motion:
-    """The motors after drives; ``eye``: whether it is the robot's own that told the poses."""
+def fit_motion(drives: Sequence[Told], eye: bool, belief: Motion = UNKNOWN) -> Motion:
+    """The motors after drives; ``eye``: whether it is the robot's own that told the poses.
+
+    Some poses are far off: errors count as those of Cauchy's distribution do.
+    """
     free = np.arange(len(USUAL)) if eye else np.arange(len(NAMES))
+    values, scale = belief.values, 1.0
+    for tries in ROUNDS:
 
-    def residuals(values: np.ndarray) -> np.ndarray:
-        return _left_over(drives, values[None])[0]
+        def rows(guesses: np.ndarray, scale: float = scale) -> np.ndarray:
+            left = _left_over(drives, guesses) / scale
+            return np.concatenate((left, (guesses - belief.values) / belief.sd), axis=1)
 
-    def slopes(values: np.ndarray) -> np.ndarray:
-        moved = values + np.diag(_SMALL)[free]
-        rows = _left_over(drives, np.concatenate((values[None], moved)))
-        jacobian = np.zeros((rows.shape[1], len(values)))
-        jacobian[:, free] = ((rows[1:] - rows[0]) / _SMALL[free, None]).T
-        return jacobian
+        def slopes(values: np.ndarray, rows: Rows = rows) -> np.ndarray:
+            each = rows(np.concatenate((values[None], values + np.diag(_SMALL)[free])))
+            jacobian = np.zeros((each.shape[1], len(values)))
+            jacobian[:, free] = ((each[1:] - each[0]) / _SMALL[free, None]).T
+            return jacobian
 
-    found = least_squares(
-        residuals, USUAL, slopes, (LOW - 1e-9, HIGH), loss="soft_l1", x_scale=SPREAD, max_nfev=tries
-    )
+        found = least_squares(
+            *(lambda values, rows=rows: rows(values[None])[0], values, slopes),
+            bounds=(LOW - 1e-9, HIGH),
+            loss="cauchy",
+            x_scale=SPREAD,
+            max_nfev=tries,
+        )
+        values, left, counted = found.x, np.abs(found.fun[: -len(USUAL)]), scale
+        scale = max(scale * float(np.median(left)) / 0.6745, SUREST) if len(left) else 1.0
     jacobian = found.jac[:, free]
-    left = found.fun[: -len(USUAL)]
-    worse = max(1.0, float(np.median(np.abs(left)) / 0.6745)) if len(left) else 1.0
-    sd = SPREAD.copy()
-    sd[free] = worse * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
-    return Motion(found.x, np.minimum(sd, SPREAD))
+    sd = belief.sd.copy()
+    sd[free] = max(1.0, scale / counted) * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    return Motion(values, np.minimum(sd, belief.sd), scale)
 
 
 def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
-    """(P, R) residuals of P guesses (P, 9), in standard deviations; the beliefs come last."""
-    each = []
+    """(P, R) residuals of P guesses (P, 9), in standard deviations."""
+    each = [np.zeros((len(values), 0))]
     for drive in drives:
         rows = []
         for track, guess in zip(reckoned(drive.commands, values), values, strict=True):
@@ -157,7 +192,7 @@ def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
                 off.append((roots @ missed[..., None]).ravel())
             rows.append(np.concatenate([np.zeros(0), *off]))
         each.append(np.array(rows))
-    return np.concatenate((*each, (values - USUAL) / SPREAD), axis=1)
+    return np.concatenate(each, axis=1)
 
 
 def smoothed(drive: Told, motion: Motion) -> np.ndarray:
