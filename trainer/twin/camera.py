@@ -77,10 +77,10 @@ def rig_of(values: np.ndarray) -> CameraRig:
 
 
 class Cover(NamedTuple):
-    """How much of each of three kinds known pixels see, and as much again of how far out it is."""
+    """How much of each of three kinds known pixels see."""
 
-    share: np.ndarray  # (N, 6)
-    slopes: np.ndarray  # (G, N, 6)
+    share: np.ndarray  # (N, 3)
+    slopes: np.ndarray  # (G, N, 3)
 
 
 class Eye:
@@ -99,7 +99,7 @@ class Eye:
         self._camera = RayCamera(ImageSpec(), len(rigs))
         for k, (rig, each) in enumerate(zip(rigs, tried, strict=True)):
             self._camera.set_robot(k, scenes[each[-1]], rig)
-        self._small = np.array([*_SMALL[: len(moves)], *_SMALL_POSE])
+        self._small = np.array([*_SMALL[: len(moves)], *_SMALL_POSE], np.float32)
         pixels = np.stack(np.meshgrid(np.arange(160), np.arange(120)), axis=-1).astype(float)
         found = CameraRig(rigs[0].lens.scaled(160, 120), rigs[0].mount).to_floor(pixels)
         self._near = np.nan_to_num(np.hypot(found[..., 0], found[..., 1]), nan=np.inf) < FAR_M
@@ -118,12 +118,11 @@ class Eye:
         return known, [self._cover(each, known) for each in (bright, _blurred(bright, YELLOW_PX))]
 
     def _cover(self, drawn: np.ndarray, known: np.ndarray) -> Cover:
-        seen = drawn.reshape(len(drawn), -1, 3)[:, known].astype(float)
-        seen = np.concatenate((seen, _FAR[known] * seen), axis=-1)  # a lens shades its corners
-        rigs = len(self._slots) - 7
-        more = np.concatenate((seen[1 : 1 + rigs // 2], seen[-6:-3]))
-        less = np.concatenate((seen[1 + rigs // 2 : 1 + rigs], seen[-3:]))
-        return Cover(seen[0], (more - less) / (2.0 * self._small)[:, None, None])
+        seen = drawn.reshape(len(drawn), -1, 3)[:, known]
+        half = (len(seen) - 7) // 2
+        more = np.concatenate((seen[1 : 1 + half], seen[-6:-3]))
+        less = np.concatenate((seen[1 + half : -6], seen[-3:]))
+        return Cover(seen[0].astype(float), (more - less) / (2.0 * self._small)[:, None, None])
 
 
 def _blurred(pictures: np.ndarray, blur_px: float) -> np.ndarray:
@@ -141,9 +140,9 @@ def explain(
     matrix, vector = np.zeros((count := len(covers[0].slopes), count)), np.zeros(count)
     if len(known) < 200:
         return matrix, vector, 0.0
-    shaded, left, whole = _SHADING[known], 0.0, 0.0
+    shaded, far, left, whole = _SHADING[known], _FAR[known], 0.0, 0.0
     for plane, (cover, slopes) in zip(planes[known].T, covers, strict=True):
-        terms = np.concatenate((shaded, cover), axis=1)
+        terms = np.concatenate((shaded, cover, far * cover), axis=1)  # a lens shades its corners
         weights = np.ones(len(known))
         for _ in range(3):
             heavy = terms * weights[:, None]
@@ -152,7 +151,7 @@ def explain(
             missed = plane - terms @ found
             sigma = 1.4826 * np.median(np.abs(missed)) + 0.5
             weights = 1.0 / (1.0 + (missed / (2.5 * sigma)) ** 2)
-        slope = (slopes @ found[len(shaded.T) :]).T
+        slope = np.einsum("gnk,nk->ng", slopes, found[-6:-3] + far * found[-3:])
         slope -= terms @ (solver @ slope)
         heavy = slope * (weights / (sigma**2 * _ALIKE))[:, None]
         matrix += heavy.T @ slope
