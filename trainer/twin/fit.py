@@ -34,8 +34,8 @@ LEAST_TOLD = 30  # of these pictures must tell something
 NEAR_S = 0.5  # of a told pose: farther away the way is the wheels' alone
 LEAST_OBEYED = 0.6  # correlation
 LEAST_EXPLAINED = 0.5  # of the key pictures, else the camera is not known
-BEGIN_S = 150.0  # of driving, by whose told poses the motors are first known
-ALIKE = 3.0  # such poses err alike for seconds: they tell so many times less surely
+BEGIN_S = 150.0  # of driving, by whose told poses the motors are first known,
+ALIKE = 3.0  # so many times less surely than if these did not err alike for seconds
 LATE_S = 0.04  # pictures are usually: where they were taken is looked for from there on
 _FAIR = 0.7  # of that, a picture must be explained to tell a pose
 _FLOOR = np.diag(np.array((3e-3, 3e-3, 8e-3)) ** 2)  # by which seen poses err at least
@@ -136,7 +136,8 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
             f"fit: expected a robot that turns as it is steered, got turns {alike:.0%} alike; "
             "is the steering written down the wrong way round?"
         )
-    motion = moved.fit_motion(moved.beginning(above, BEGIN_S), eye=False)
+    ends_s = np.cumsum([drive.seconds for drive in drives])
+    motion = moved.fit_motion(above[: 1 + int(np.searchsorted(ends_s, BEGIN_S))], eye=False)
     above = [moved.surer(told, motion.scale) for told in above]
     ways = [moved.smoothed(told, motion) for told in above]
     near = [moved.at_times(w, d.times_s) for w, d in zip(ways, drives, strict=True)]

@@ -5,7 +5,7 @@ told poses as well as a shift and a turn can. What is then left tells gain, trim
 delay, and where on the robot the eye sits that told the poses.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -29,7 +29,6 @@ STEERS_RAD, LATE_S = 0.2, 0.2  # a second's steering, and how soon it is followe
 ROUNDS = (4, 4, 6)  # steps, after each of which poses count for as sure as they proved
 SUREST = 0.03  # times as sure as a source says, at most
 TRUSTED_S, SHORTEST_S = 8.0, 2.0  # for which wheels are, between poses of an arena, and sure ones
-Rows = Callable[[np.ndarray], np.ndarray]
 _SMALL = np.array((1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3, 1e-3, 1e-3, 1e-3))  # for derivatives
 
 
@@ -55,18 +54,6 @@ def surer(drive: Told, scale: float) -> Told:
     """With poses that err by so many times what was said; wheels are trusted for less long."""
     piece_s = max(drive.piece_s * min(scale, 1.0) ** 0.5, SHORTEST_S)
     return drive._replace(roots=drive.roots / scale, piece_s=piece_s)
-
-
-def beginning(drives: Sequence[Told], seconds: float) -> list[Told]:
-    """So much of drives, the first ones first."""
-    few: list[Told] = []
-    for drive in drives:
-        count = round(seconds / PHYSICS_DT_S) - sum(len(each.commands) for each in few)
-        told = drive.times_s < count * PHYSICS_DT_S
-        if told.any():
-            each = drive.times_s[told], drive.poses[told], drive.roots[told]
-            few.append(Told(drive.commands[:count], *each, drive.piece_s))
-    return few
 
 
 class Motion(NamedTuple):
@@ -149,26 +136,23 @@ def fit_motion(drives: Sequence[Told], eye: bool, belief: Motion = UNKNOWN) -> M
     """
     free = np.arange(len(USUAL)) if eye else np.arange(len(NAMES))
     values, scale = belief.values, 1.0
+
+    def rows(guesses: np.ndarray) -> np.ndarray:
+        left = _left_over(drives, guesses) / scale
+        return np.concatenate((left, (guesses - belief.values) / belief.sd), axis=1)
+
+    def slopes(values: np.ndarray) -> np.ndarray:
+        each = rows(np.concatenate((values[None], values + np.diag(_SMALL)[free])))
+        jacobian = np.zeros((each.shape[1], len(values)))
+        jacobian[:, free] = ((each[1:] - each[0]) / _SMALL[free, None]).T
+        return jacobian
+
     for tries in ROUNDS:
-
-        def rows(guesses: np.ndarray, scale: float = scale) -> np.ndarray:
-            left = _left_over(drives, guesses) / scale
-            return np.concatenate((left, (guesses - belief.values) / belief.sd), axis=1)
-
-        def slopes(values: np.ndarray, rows: Rows = rows) -> np.ndarray:
-            each = rows(np.concatenate((values[None], values + np.diag(_SMALL)[free])))
-            jacobian = np.zeros((each.shape[1], len(values)))
-            jacobian[:, free] = ((each[1:] - each[0]) / _SMALL[free, None]).T
-            return jacobian
-
-        found = least_squares(
-            *(lambda values, rows=rows: rows(values[None])[0], values, slopes),
-            bounds=(LOW - 1e-9, HIGH),
-            loss="cauchy",
-            x_scale=SPREAD,
-            max_nfev=tries,
-        )
-        values, left, counted = found.x, np.abs(found.fun[: -len(USUAL)]), scale
+        how = {"loss": "cauchy", "x_scale": SPREAD, "max_nfev": tries}
+        within = LOW - 1e-9, HIGH
+        found = least_squares(lambda at: rows(at[None])[0], values, slopes, bounds=within, **how)
+        left, counted = np.abs(found.fun[: -len(USUAL)]), scale
+        values = found.x
         scale = max(scale * float(np.median(left)) / 0.6745, SUREST) if len(left) else 1.0
     jacobian = found.jac[:, free]
     sd = belief.sd.copy()
