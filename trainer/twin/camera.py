@@ -27,9 +27,11 @@ NAMES = (
     *("height_m", "pitch_rad", "roll_rad", "focal_scale", "distortion_scale"),
     *("centre_right_px", "centre_down_px"),
 )
-# Of these and the width of the lines, a factor; beyond what `looks/randomised.yaml` knows.
-USUAL = np.array([*(getattr(CameraLook(), name) for name in NAMES), 1.0])
-SPREAD = np.array((0.03, 0.17, 0.05, 0.1, 0.2, 3.5, 3.5, 0.13))
+# Of these, the width of the lines, a factor, and how much the lens shades the corners; beyond what
+# `looks/randomised.yaml` knows.
+USUAL = np.array([*(getattr(CameraLook(), name) for name in NAMES), 1.0, 0.15])
+WIDTH = len(NAMES)
+SPREAD = np.array((0.03, 0.17, 0.05, 0.1, 0.2, 3.5, 3.5, 0.13, 0.15))
 POSE_SPREAD = np.array((0.04, 0.04, 0.09))
 # For derivatives, each a fraction of a pixel: those of camera and pose must cancel each other.
 _SMALL = np.array((1e-3, 3e-3, 3e-3, 3e-3, 15e-3, 0.2, 0.2, 0.05))
@@ -49,7 +51,7 @@ _EVERY = 3  # pixels of which one is asked
 _ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
 _TELLS = 8.0  # and between two cameras a picture as much as so few numbers
 ROWS, COLUMNS = np.mgrid[-1:1:120j, -1:1:160j]  # of pixels
-_FAR = (ROWS**2 + COLUMNS**2).ravel()[:, None]
+FAR = 0.5 * (ROWS**2 + COLUMNS**2)  # from the middle, squared; 1 in the corners
 _SHADES = (np.ones_like(ROWS), ROWS, COLUMNS, ROWS**2, COLUMNS**2)
 _SHADING = np.stack(_SHADES, axis=-1).reshape(-1, len(_SHADES))
 _COVER = {
@@ -91,14 +93,15 @@ class Eye:
     """
 
     def __init__(self, road_map: RoadMap, values: np.ndarray, camera_too: bool) -> None:
-        moves = np.diag(_SMALL) if camera_too else np.zeros((0, len(USUAL)))
-        tried = [values + move for move in (0.0 * _SMALL, *moves, *-moves)]
-        scenes = {width: cover_scene(road_map, width) for width in {each[-1] for each in tried}}
+        moves = np.diag(_SMALL)[: camera_too * len(_SMALL)] @ np.eye(len(_SMALL), len(USUAL))
+        tried = [values + move for move in (0.0 * USUAL, *moves, *-moves)]
+        scenes = {width: cover_scene(road_map, width) for width in {each[WIDTH] for each in tried}}
         rigs = [rig_of(each) for each in tried]
         self._slots = np.array([*range(len(rigs)), *(0,) * 6])
         self._camera = RayCamera(ImageSpec(), len(rigs))
         for k, (rig, each) in enumerate(zip(rigs, tried, strict=True)):
-            self._camera.set_robot(k, scenes[each[-1]], rig)
+            self._camera.set_robot(k, scenes[each[WIDTH]], rig)
+        self._shade, self._camera_too = values[-1], camera_too
         self._small = np.array([*_SMALL[: len(moves)], *_SMALL_POSE], np.float32)
         pixels = np.stack(np.meshgrid(np.arange(160), np.arange(120)), axis=-1).astype(float)
         found = CameraRig(rigs[0].lens.scaled(160, 120), rigs[0].mount).to_floor(pixels)
@@ -118,11 +121,14 @@ class Eye:
         return known, [self._cover(each, known) for each in (bright, _blurred(bright, YELLOW_PX))]
 
     def _cover(self, drawn: np.ndarray, known: np.ndarray) -> Cover:
-        seen = drawn.reshape(len(drawn), -1, 3)[:, known]
+        seen, far = drawn.reshape(len(drawn), -1, 3)[:, known], FAR.reshape(-1, 1)[known]
         half = (len(seen) - 7) // 2
-        more = np.concatenate((seen[1 : 1 + half], seen[-6:-3]))
-        less = np.concatenate((seen[1 + half : -6], seen[-3:]))
-        return Cover(seen[0].astype(float), (more - less) / (2.0 * self._small)[:, None, None])
+        slopes = np.concatenate((seen[1 : 1 + half], seen[-6:-3]))
+        slopes -= np.concatenate((seen[1 + half : -6], seen[-3:]))
+        slopes *= (1.0 - self._shade * far) / (2.0 * self._small)[:, None, None]
+        shade = -far * seen[: int(self._camera_too)]
+        each = np.concatenate((slopes[:-3], shade, slopes[-3:]))
+        return Cover((1.0 - self._shade * far) * seen[0], each)
 
 
 def _blurred(pictures: np.ndarray, blur_px: float) -> np.ndarray:
@@ -140,9 +146,9 @@ def explain(
     matrix, vector = np.zeros((count := len(covers[0].slopes), count)), np.zeros(count)
     if len(known) < 200:
         return matrix, vector, 0.0
-    shaded, far, left, whole = _SHADING[known], _FAR[known], 0.0, 0.0
+    shaded, left, whole = _SHADING[known], 0.0, 0.0
     for plane, (cover, slopes) in zip(planes[known].T, covers, strict=True):
-        terms = np.concatenate((shaded, cover, far * cover), axis=1)  # a lens shades its corners
+        terms = np.concatenate((shaded, cover), axis=1)
         weights = np.ones(len(known))
         for _ in range(3):
             heavy = terms * weights[:, None]
@@ -151,7 +157,7 @@ def explain(
             missed = plane - terms @ found
             sigma = 1.4826 * np.median(np.abs(missed)) + 0.5
             weights = 1.0 / (1.0 + (missed / (2.5 * sigma)) ** 2)
-        slope = np.einsum("gnk,nk->ng", slopes, found[-6:-3] + far * found[-3:])
+        slope = (slopes @ found[-3:]).T
         slope -= terms @ (solver @ slope)
         heavy = slope * (weights / (sigma**2 * _ALIKE))[:, None]
         matrix += heavy.T @ slope
@@ -168,17 +174,17 @@ Goal = tuple[np.ndarray, np.ndarray]  # of a step, and the change that leads the
 class Fitted(NamedTuple):
     """A camera and the poses of its pictures."""
 
-    values: np.ndarray  # (8,) of ``NAMES``, and the width of the lines, a factor
+    values: np.ndarray  # (9,) as ``USUAL``
     sd: np.ndarray
     poses: np.ndarray  # (F, 3)
     share: float  # of the pictures' variance that the map explains
     cost: float  # of what is left of it, and of what is moved for it
-    rival: np.ndarray | None = None  # (8,) of another camera that explains them nearly as well
+    rival: np.ndarray | None = None  # (9,) of another camera that explains them nearly as well
 
     @property
     def width(self) -> float:
         """Of the lines, a factor."""
-        return float(self.values[-1])
+        return float(self.values[WIDTH])
 
 
 class Views(NamedTuple):
@@ -234,7 +240,7 @@ def rival_of(best: Fitted, others: Sequence[Fitted]) -> np.ndarray | None:
 
 
 def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None = None) -> Fitted:
-    """Gauss and Newton's steps from values (8,); before each the poses find their places.
+    """Gauss and Newton's steps from values (9,); before each the poses find their places.
 
     Pictures that the map explains less well than most say nothing of the camera.
     """

@@ -225,8 +225,8 @@ def looked_at(times_s: np.ndarray, drives: int) -> np.ndarray:
 def _camera_of(camera: seen.Fitted, motion: moved.Motion) -> Found:
     # Poses were told by an eye that was taken to sit and look as a nominal one does.
     place = np.array([getattr(NOMINAL.camera, name) for name in moved.EYE])
-    values = (*camera.values[:-1], *(place + motion.values[len(moved.NAMES) :]))
-    off = (*camera.sd[:-1], *motion.sd[len(moved.NAMES) :])
+    values = (*camera.values[: seen.WIDTH], *(place + motion.values[len(moved.NAMES) :]))
+    off = (*camera.sd[: seen.WIDTH], *motion.sd[len(moved.NAMES) :])
     each = zip((*seen.NAMES, *moved.EYE), values, off, strict=True)
     return {f"camera.{name}": (float(value), float(sd)) for name, value, sd in each}
 
