@@ -35,6 +35,7 @@ from trainer.twin.camera import COLUMNS, ROWS, USUAL, Fitted, descend, rival_of,
 from trainer.twin.colours import fit_colours, members, seen_from
 from trainer.twin.fit import (
     EYE_PIECE_S,
+    believed,
     camera_delay,
     colours_told,
     fit_twin,
@@ -51,6 +52,7 @@ from trainer.twin.motion import (
     pieces,
     reckoned,
     smoothed,
+    surer,
 )
 from trainer.twin.recorded import Recorded, UnfitError, read_drive, read_drives
 
@@ -138,6 +140,24 @@ def test_what_is_looked_at_of_a_drive_of_any_length_tells_of_its_pieces(
     told = pieces(times_s[few], EYE_PIECE_S)
     assert sum(map(len, told)) >= 20  # the motion is told of the wheels between pictures
     assert times_s[few[-1]] - times_s[few[0]] > 0.8 * seconds - 2.0 * EYE_PIECE_S
+
+
+def test_motors_are_told_by_most_poses_also_where_some_are_far_off() -> None:
+    """And lag from delay, where poses are sure; they count for as sure as they prove."""
+    true, driven, track, times_s = jerky(80.0)
+    rng = np.random.default_rng(1)
+    poses = at_times(track, times_s, true[5]) + rng.normal(0.0, (2e-3, 2e-3, 4e-3), (780, 3))
+    poses[::12] += rng.normal(0.0, (0.1, 0.1, 0.3), (65, 3))
+    found = fit_motion([from_above(driven, np.column_stack((times_s, poses)))], eye=False)
+    off = np.abs(found.values - true)
+    assert found.scale < 0.2  # of 3 cm and 5 degrees
+    assert (off[:6] < (3e-3, 1e-3, 5e-3, 0.03, 0.025, 0.02)).all()
+    assert (off[:6] < 4.0 * found.sd[:6]).all()
+    assert surer(from_above(driven, np.zeros((1, 4))), found.scale).piece_s < 4.0
+    pictures = believed(found)  # of whom overhead poses told, which err alike for seconds
+    assert pictures.values[5] - found.values[5] == pytest.approx(0.04)
+    assert pictures.sd[5] > 0.04
+    assert (pictures.sd[:5] > 2.9 * found.sd[:5]).all()
 
 
 def test_motors_that_never_ran_stay_as_unsure_as_before() -> None:
@@ -309,13 +329,27 @@ def worn_pictures(values: np.ndarray) -> tuple[RoadMap, np.ndarray, np.ndarray]:
 
 def test_pitch_is_told_from_the_lens_and_the_width_of_lines_by_steps_along_their_valley() -> None:
     """Who looks lower through a lens that sits higher sees nearly the same."""
-    true = USUAL + np.array((0.01, 0.04, 0.02, 0.03, 0.1, 1.0, 1.5, 0.15))
+    true = USUAL + np.array((0.01, 0.04, 0.02, 0.03, 0.1, 1.0, 1.5, 0.15, -0.15))
     road_map, poses, images = worn_pictures(true)
-    begin = true + np.array((0.008, -0.08, 0.0, 0.0, 0.0, 0.0, -6.5, -0.15))
+    begin = true + np.array((0.008, -0.08, 0.0, 0.0, 0.0, 0.0, -6.5, -0.15, 0.1))
     found = descend(views_of(list(images), poses, road_map), begin, 8, poses).values
     assert found[0] == pytest.approx(true[0], abs=0.002)
     assert found[1] == pytest.approx(true[1], abs=0.025)  # 0.04 by plain steps
     assert found[7] == pytest.approx(true[7], abs=0.06)
+
+
+def test_shaded_corners_do_not_tilt_the_camera() -> None:
+    """They are flat, too: where that was not known they did, by 0.2 degrees here."""
+    road_map = load_map("rings/claw")
+    starts = [lane.control_points_m for lane in road_map.lanes[::2]][:24]
+    poses = np.array([(*a, math.atan2(*(b - a)[::-1])) for a, b, *_ in starts])
+    paint = GroundLook(asphalt_rgb=(120.0, 118.0, 115.0), outside_rgb=(210.0, 205.0, 190.0))
+    scene = Scene(paint_ground(road_map, paint), (), NOMINAL.sky, NOMINAL.light)
+    shaded = [SensorLook(vignetting=0.35)] * len(poses)
+    images = apply_sensor(seen_from(scene, USUAL, poses), shaded, np.random.default_rng(0))
+    found = descend(views_of(list(images), poses, road_map), USUAL, 6, poses).values
+    assert abs(found[1] - USUAL[1]) < math.radians(0.12)
+    assert found[-1] == pytest.approx(0.35, abs=0.05)
 
 
 def test_pictures_find_their_places_from_where_the_robot_was_a_little_before() -> None:

@@ -22,7 +22,7 @@ EYE = ("forward_m", "left_m", "yaw_rad")  # beside where it is believed to sit
 # Beyond what `looks/randomised.yaml` knows; also the weak beliefs that a fit begins with.
 USUAL = np.array((1.0, 0.0, 1.0, 0.1, 0.1, 0.08, 0.0, 0.0, 0.0))
 SPREAD = np.array((0.15, 0.06, 0.2, 0.15, 0.15, 0.15, 0.03, 0.03, 0.2))
-LOW = np.array((0.6, -0.2, 0.5, 0.0, 0.0, 0.0, -0.1, -0.1, -0.5))
+LOW = np.array((0.6, -0.2, 0.5, PHYSICS_DT_S, PHYSICS_DT_S, 0.0, -0.1, -0.1, -0.5))  # lags: a step
 HIGH = np.array((1.5, 0.2, 1.6, 0.5, 0.5, 0.6, 0.1, 0.1, 0.5))
 EVERY = 6  # steps
 STEERS_RAD, LATE_S = 0.2, 0.2  # a second's steering, and how soon it is followed
