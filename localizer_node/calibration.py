@@ -157,8 +157,7 @@ class Calibration:
         steps = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
         floor = self.camera.to_floor(pixels[..., None, :] + steps, height_m)
         along_u = floor[..., 1, :] - floor[..., 2, :]
-        along_v = floor[..., 3, :] - floor[..., 4, :]
-        return floor[..., 0, :], np.stack((along_u, along_v), axis=-1)
+        return floor[..., 0, :], np.stack((along_u, floor[..., 3, :] - floor[..., 4, :]), axis=-1)
 
     def roi_rect(self) -> Tuple[int, int, int, int]:
         """The slice of the picture around the region of interest: u0, v0, and u1, v1 outside."""

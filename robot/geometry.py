@@ -40,8 +40,7 @@ class Pose(NamedTuple):
         points = np.asarray(points_m, dtype=float)
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         x = self.x_m + c * points[..., 0] - s * points[..., 1]
-        y = self.y_m + s * points[..., 0] + c * points[..., 1]
-        return np.stack((x, y), axis=-1)
+        return np.stack((x, self.y_m + s * points[..., 0] + c * points[..., 1]), axis=-1)
 
     def moved(self, forward_m: float, turn_rad: float) -> "Pose":
         """The pose after an arc of length ``forward_m`` that turns by ``turn_rad`` (exact)."""
@@ -137,8 +136,7 @@ def uncompose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
     heading = wrap_angle(pose[:, 2] - step[:, 2])
     c, s = np.cos(heading), np.sin(heading)
     x = pose[:, 0] - (c * step[:, 0] - s * step[:, 1])
-    y = pose[:, 1] - (s * step[:, 0] + c * step[:, 1])
-    return np.stack((x, y, heading), axis=1)
+    return np.stack((x, pose[:, 1] - (s * step[:, 0] + c * step[:, 1]), heading), axis=1)
 
 
 def radius_95(covariance: np.ndarray) -> np.ndarray:

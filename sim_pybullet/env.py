@@ -29,8 +29,7 @@ def observation_space(shape: tuple[int, ...], guided: bool) -> spaces.Space[Any]
     image = spaces.Box(0, 255, shape, np.uint8)
     if not guided:
         return image
-    path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
-    return spaces.Dict({"image": image, "path": path})
+    return spaces.Dict({"image": image, "path": spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)})
 
 
 def start_poses(options: dict[str, Any] | None, n_robots: int) -> np.ndarray | None:

@@ -126,8 +126,7 @@ def _add_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> N
     for top in range(0, len(flat), 64):
         rows = flat[top : top + 64]
         v, u = (int(rng.integers(0, bank.shape[k] - rows.shape[k])) for k in (0, 1))
-        cut = bank[v : v + len(rows), u : u + rows.shape[1]]
-        rows[:] = cv2.add(rows, cut, dtype=cv2.CV_8U)
+        rows[:] = cv2.add(rows, bank[v : v + len(rows), u : u + rows.shape[1]], dtype=cv2.CV_8U)
 
 
 def board_rgb(marker: Marker) -> np.ndarray:

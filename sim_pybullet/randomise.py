@@ -214,8 +214,7 @@ def _grey(arguments: Any) -> _Draw:
         raise ValueError("expected [low, high, tint]")
 
     def draw(rng: np.random.Generator) -> np.ndarray:
-        channels = rng.uniform(low, high) + rng.uniform(-tint, tint, 3)
-        return np.clip(channels, 0.0, 255.0)
+        return np.clip(rng.uniform(low, high) + rng.uniform(-tint, tint, 3), 0.0, 255.0)
 
     return draw, np.clip(np.repeat(((low,), (high,)), 3, axis=1), 0.0, 255.0).tolist()
 

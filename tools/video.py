@@ -73,8 +73,7 @@ class MapView:
         self._line(picture, moment.path, PATH, 3)
         self._line(picture, self.trail, TRUE, 2)
         if moment.path and moment.path[0] != moment.path[-1]:  # not a ring
-            end = self.pixel(*moment.path[-1][:2])
-            cv2.circle(picture, end, 7, PATH, -1, cv2.LINE_AA)
+            cv2.circle(picture, self.pixel(*moment.path[-1][:2]), 7, PATH, -1, cv2.LINE_AA)
         cv2.fillConvexPoly(picture, self._outline(moment.pose, 1.0), TRUE, cv2.LINE_AA)
         if moment.believed is not None:
             outline = self._outline(moment.believed, 1.5)
@@ -158,15 +157,13 @@ def _draw_values(picture: np.ndarray, moment: Moment, actions: ActionTable) -> N
             share = (value - low) / (high - low) if high > low else 0.0
             bottom, right = cell.shape[0] - 10, cell.shape[1] - 8
             cv2.rectangle(cell, (8, bottom - 5), (right, bottom), LINE, -1)
-            to = 8 + round(share * (right - 8))
-            cv2.rectangle(cell, (8, bottom - 5), (to, bottom), ink, -1)
+            cv2.rectangle(cell, (8, bottom - 5), (8 + round(share * (right - 8)), bottom), ink, -1)
 
 
 def _draw_state(picture: np.ndarray, moment: Moment, speed_mps: float) -> None:
     """Above the map the state and why; below it speed, way and what the colours mean."""
     left = MAP_BOX[0]
-    colour = STATES.get(moment.state, QUIET)
-    cv2.rectangle(picture, (left, 16), (left + 112, 48), colour, -1)
+    cv2.rectangle(picture, (left, 16), (left + 112, 48), STATES.get(moment.state, QUIET), -1)
     write(picture, (left + 12, 22), moment.state, 16, PAGE)
     write(picture, (left + 124, 24), moment.reason[:46], 13, QUIET)
     write(picture, (left, 562), f"{speed_mps:.2f} m/s", 38, TEXT)

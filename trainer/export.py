@@ -135,8 +135,7 @@ def write_onnx(
 
 def export_translator(network: nn.Module, contract: TranslatorContract, path: Path) -> None:
     """Write a network (N, H, W, 3) uint8 -> the same; ContractError if torch differs."""
-    rng = np.random.default_rng(0)
-    pictures = rng.integers(0, 256, (3, *contract.image.shape), dtype=np.uint8)
+    pictures = np.random.default_rng(0).integers(0, 256, (3, *contract.image.shape), dtype=np.uint8)
     example = {"image": torch.from_numpy(pictures)}
     with atomically(path) as temporary:
         write_onnx(network, example, "translation", contract, temporary, contract.image.shape)
@@ -173,8 +172,7 @@ def noise_seen(contract: PolicyContract, count: int) -> dict[str, np.ndarray]:
     shape = (count, *contract.picture_shape)
     seen: dict[str, np.ndarray] = {"image": rng.integers(0, 256, shape, dtype=np.uint8)}
     if contract.path_points:
-        path = rng.uniform(-1.0, 1.0, (count, contract.path_points))
-        seen["path"] = path.astype(np.float32)
+        seen["path"] = rng.uniform(-1.0, 1.0, (count, contract.path_points)).astype(np.float32)
     return seen
 
 

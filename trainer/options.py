@@ -58,8 +58,7 @@ class TrainOptions:
         maps, judged_on = maps_named(self.map) or config.maps, maps_named(self.judge_map)
         load_look_sampler(self.look, self.pose_error, self.without)
         to_train = maps, self.look, "train"
-        to_choose = judged_on, self.judge_look or self.look, "choose"
-        for names, look, use in (to_train, to_choose):
+        for names, look, use in (to_train, (judged_on, self.judge_look or self.look, "choose")):
             refuse_judging_look(look, use)
             refuse_judging_maps([find_task(self.task).load(name) for name in names], use)
         judging = replace(config.evaluation, maps=judged_on, look=self.judge_look)

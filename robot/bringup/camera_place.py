@@ -97,8 +97,7 @@ def _start(
             continue
         if freedom.height_m is not None:
             position = np.array([*position[:2], freedom.height_m])
-        error = trial.project((world - position) @ rotation.T) - pixels
-        cost = float(np.sum(error**2))
+        cost = float(np.sum((trial.project((world - position) @ rotation.T) - pixels) ** 2))
         if math.isfinite(cost):
             starts.append((cost, trial, rotation, position))
     if mirrored and not starts:

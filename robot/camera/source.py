@@ -309,7 +309,6 @@ class GstStream:
         self._given_up.close()
 
     def _said(self) -> str:
-        length = self._last_words.seek(0, os.SEEK_END)
-        self._last_words.seek(max(0, length - LAST_WORDS_BYTES))
+        self._last_words.seek(max(0, self._last_words.seek(0, os.SEEK_END) - LAST_WORDS_BYTES))
         text = self._last_words.read().decode("utf-8", "replace").strip()
         return f"it said: {text}" if text else "it said nothing"

@@ -37,8 +37,7 @@ class Terminal:
         self._say = say
         self._typed: queue.Queue[str] = queue.Queue()
         self._told: Optional[Tuple[Verdict, bool]] = None
-        thread = threading.Thread(target=self._read, args=(lines,), name="terminal", daemon=True)
-        thread.start()
+        threading.Thread(target=self._read, args=(lines,), name="terminal", daemon=True).start()
 
     def serve(self, ask: Ask) -> None:
         """Hand over what was typed."""

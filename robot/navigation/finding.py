@@ -40,8 +40,7 @@ class Finding:
         """Whether place and wheels are known well."""
         fusion = self._fix.fusion
         told = (*fusion.certainty[0].tolist(), float(fusion.scale_deviations[0]))
-        limits = (SURE_M, SURE_RAD, SURE_SCALE)
-        return self._known and all(a <= b for a, b in zip(told, limits))
+        return self._known and all(a <= b for a, b in zip(told, (SURE_M, SURE_RAD, SURE_SCALE)))
 
     @property
     def sentence(self) -> str:

@@ -82,8 +82,7 @@ class Path:
         """Of a robot on the path, after ``arc_m``; an open path goes on straight at its ends."""
         where = np.array([[arc_m]])
         x_m, y_m = self.batch.points_at(where)[0, 0]
-        heading = self.batch.headings_at(where)[0, 0]
-        return Pose(float(x_m), float(y_m), float(heading))
+        return Pose(float(x_m), float(y_m), float(self.batch.headings_at(where)[0, 0]))
 
     @cached_property
     def segments(self) -> np.ndarray:
@@ -161,8 +160,7 @@ class PathBatch:
             best, fraction[todo] = self._nearest(xy_m[todo], paths[todo], window)
             index[todo] = window[np.arange(len(todo)), best]
             ends = (index[todo] == 0) | (index[todo] == self._counts[paths[todo]] - 1)
-            may_go_on = self._closed[paths[todo]] | ~ends
-            todo = todo[((best == 0) | (best == 2 * _REACH)) & may_go_on]
+            todo = todo[((best == 0) | (best == 2 * _REACH)) & (self._closed[paths[todo]] | ~ends)]
         segment = self._segments[paths, index]
         vector, delta = segment[:, _DX:_INVERSE], xy_m - segment[:, _X:_DX]
         cross = vector[:, 0] * delta[:, 1] - vector[:, 1] * delta[:, 0]

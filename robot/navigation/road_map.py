@@ -168,10 +168,8 @@ class LaneIndex:
         position = np.array([x_m, y_m])
         delta = position - self._starts
         along = np.clip((delta * self._chords).sum(-1) * self._inverse_squares, 0.0, 1.0)
-        squares = ((delta - along[..., None] * self._chords) ** 2).sum(-1)
-        chord = squares.argmin(axis=1)
-        rows = np.arange(len(self._control))
-        t = (chord + along[rows, chord]) / _CHORDS
+        chord = ((delta - along[..., None] * self._chords) ** 2).sum(-1).argmin(axis=1)
+        t = (chord + along[np.arange(len(self._control)), chord]) / _CHORDS
         point, tangent = bezier_points(self._control, t), bezier_tangents(self._control, t)
         delta = position - point
         direction = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)

@@ -72,8 +72,7 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
 @lru_cache(maxsize=16)
 def surface_noise(seed: int) -> Noise:
     """The surface noise of one ``texture_seed``."""
-    rng = np.random.default_rng(seed)
-    fine = rng.standard_normal((NOISE_SIZE_PX, NOISE_SIZE_PX), np.float32)
+    fine = np.random.default_rng(seed).standard_normal((NOISE_SIZE_PX, NOISE_SIZE_PX), np.float32)
     grain = _unit(_blur(fine, 1.2)) + 0.5 * _unit(_blur(fine[::-1], 6.0))
     scuffs = _unit(_blur(fine[:, ::-1], 3.0)) + 0.7 * _unit(_blur(fine.T, 12.0))
     ranks = 0.5 + 0.5 * np.tanh(0.8 * _unit(scuffs))  # close to the normal distribution function

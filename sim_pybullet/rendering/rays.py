@@ -127,8 +127,7 @@ def _runs(
     first, last = first[kept], last[kept]
     value = code.ravel()[first]
     runs = np.stack((first, last, value // 8, value % 8), axis=-1).astype(np.int32)
-    first_run = np.searchsorted(first, np.arange(height + 1) * width).astype(np.int32)
-    return runs, first_run
+    return runs, np.searchsorted(first, np.arange(height + 1) * width).astype(np.int32)
 
 
 def horizon_share(rays: PixelRays) -> np.ndarray:

@@ -202,8 +202,7 @@ class PoseError:
         self._errors = self._keep * self._errors + spread * rng.standard_normal(spread.shape)
         seen = _off(poses, self._errors)
         outliers = rng.random(len(poses)) < self._outlier
-        jumps = rng.uniform(-OUTLIER_M, OUTLIER_M, (len(poses), 2))
-        seen[outliers, :2] += jumps[outliers]
+        seen[outliers, :2] += rng.uniform(-OUTLIER_M, OUTLIER_M, (len(poses), 2))[outliers]
         seen[self._missing(rng)] = np.nan
         self._sent.push(seen)
         arrived = self._sent.read()

@@ -49,8 +49,7 @@ def add_gloss(frame: np.ndarray, rays: np.ndarray, light: LightLook, heading_rad
     direction is in the world frame. Solids are not told from the floor: the spot lies over them.
     """
     lamp, variance = lamp_in_floor(light, heading_rad), light.gloss_width_rad**2
-    least = np.float32(1.0 + variance * LOG_BARELY)
-    near, seen = _near(rays.reshape(-1, 3), lamp, least)
+    near, seen = _near(rays.reshape(-1, 3), lamp, np.float32(1.0 + variance * LOG_BARELY))
     # numpy's exp, not the compiler's: they differ in the last bit
     spot = np.exp((np.minimum(near, np.float32(1.0)) - np.float32(1.0)) / np.float32(variance))
     _add(frame.reshape(-1, 3), seen, np.float32(light.gloss * LAMP) * spot)

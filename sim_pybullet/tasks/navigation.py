@@ -57,8 +57,7 @@ class Navigation(Following):
         course, lost = self._follow(poses)
         remaining_m = self._lengths_m - course.arc_m
         astray = np.abs(course.offset_m) > OFF_PATH_TILES * self._tile_sizes_m[self.maps]
-        failed = collided | lost | astray
-        return self._followed(remaining_m[None], failed, remaining_m <= ARRIVAL_M)
+        return self._followed(remaining_m[None], collided | lost | astray, remaining_m <= ARRIVAL_M)
 
 
 class RandomRoutes:

@@ -187,8 +187,7 @@ class Task(ABC):
     ) -> TaskStep:
         """A step by who (N,) has failed, arrived or run out of time."""
         failed, arrived, late = ends
-        truncated = ~failed & (arrived | late)
-        return TaskStep(terms, facts, failed, truncated, ~failed & arrived)
+        return TaskStep(terms, facts, failed, ~failed & (arrived | late), ~failed & arrived)
 
     def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
         """The path of an episode that begins at a pose of the first map."""

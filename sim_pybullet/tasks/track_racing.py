@@ -234,8 +234,7 @@ def _make(tracks: Sequence[Track], robots: int, chosen: Choices) -> TrackRacing:
         tracks = [*tracks, *map(mirrored, tracks)]
     usual = _PRACTICE_LAPS if practice else 1.0
     laps = usual if chosen.laps is None else chosen.laps
-    style = STYLES[chosen.style or "race"]
-    return TrackRacing(tracks, robots, laps, style, chosen.start_spread)
+    return TrackRacing(tracks, robots, laps, STYLES[chosen.style or "race"], chosen.start_spread)
 
 
 register(

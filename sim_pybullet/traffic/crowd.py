@@ -168,8 +168,7 @@ class Crowd:
 
     def _begin_others(self, group: int, k: int, layout: Layout, rng: np.random.Generator) -> None:
         how, movers = self._how, self._streets.movers[k]
-        cars = [layout.car() for _ in how.robots_npcs]
-        starts = [(car.path, car.arc_m) for car in cars]
+        starts = [(car.path, car.arc_m) for car in [layout.car() for _ in how.robots_npcs]]
         starts += [layout.tour_at(o) for o in movers if o.kind == "duckiebot"]
         self.drivers.begin(group, starts, how, rng)
         for place in range(self._parked):
@@ -182,8 +181,7 @@ class Crowd:
     def _begin_standing(self, group: int, k: int, rng: np.random.Generator) -> None:
         lights, things = self._streets.lights[k], self._streets.blocked_m[k]
         at = np.array([(o.x_m, o.y_m) for o in lights]).reshape(1, -1, 2)
-        crossings = self._streets.junction_at(np.array([k]), at)[0]
-        self.lights.begin(group, lights, crossings, rng)
+        self.lights.begin(group, lights, self._streets.junction_at(np.array([k]), at)[0], rng)
         self._things[group] = np.nan
         self._things[group, : len(things)] = things
         self.maps[group] = k

@@ -65,8 +65,7 @@ class Lights:
 
     def red(self, junctions: np.ndarray, headings: np.ndarray) -> np.ndarray:
         """(G, A) whether those who come to junctions (G, A) with headings (G, A) see red."""
-        turned = headings[:, :, None] - self.places[:, None, :, 2]
-        along = np.abs(np.cos(turned)) > math.sqrt(0.5)
+        along = np.abs(np.cos(headings[:, :, None] - self.places[:, None, :, 2])) > math.sqrt(0.5)
         mine = (junctions[:, :, None] == self.junctions[:, None]) & (junctions >= 0)[:, :, None]
         green = np.where(along, 0, 1) == self.phases[:, None]
         return np.asarray((mine & ~green).any(axis=-1))

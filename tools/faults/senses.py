@@ -99,8 +99,7 @@ def _moved(pose: Pose, ahead_m: float, left_m: float) -> Pose:
 def drifting(pose: Pose, t_s: float, first: Pose, ahead_mps: float, left_mps: float) -> Pose:
     """By the directions of the beginning."""
     way = first._replace(x_m=pose.x_m, y_m=pose.y_m)
-    moved = _moved(way, ahead_mps * t_s, left_mps * t_s)
-    return moved._replace(heading_rad=pose.heading_rad)
+    return _moved(way, ahead_mps * t_s, left_mps * t_s)._replace(heading_rad=pose.heading_rad)
 
 
 # Of a true pose, the time since the lie began [s], the true pose of then, and what a row tells.

@@ -88,8 +88,7 @@ def named(stage: Stage, thief: str) -> str:
 
 def localizer_with_monitors_keys(stage: Stage) -> None:
     """It publishes where the robot listens, and says that it is the localizer."""
-    monitors = load_keys(stage.bench.keys["monitor"])
-    stage.replace_localizer(replace(monitors, role="localizer"))
+    stage.replace_localizer(replace(load_keys(stage.bench.keys["monitor"]), role="localizer"))
 
 
 def instead(stage: Stage, size: int, count: int) -> None:

@@ -41,8 +41,6 @@ STRAYED_M, BACK_M = 0.045, 0.02  # from its path: a person takes over, and hands
 NOTICES_S = 0.3
 LONGEST_S = 8.0  # of one help
 THERE_M = 0.03  # before the end of a way
-
-
 Whims = tuple[float, float]  # a share of full speed, and a curvature to steer besides [1/m]
 
 

@@ -109,8 +109,7 @@ class Operator:
         self._send(self._socket, b"".join(self._protocol.data_to_send()))
 
     def _open_page(self) -> socket.socket:
-        uri = f"ws://127.0.0.1:{self._port}/ws"
-        self._protocol = ClientProtocol(parse_uri(uri), max_size=None)
+        self._protocol = ClientProtocol(parse_uri(f"ws://127.0.0.1:{self._port}/ws"), max_size=None)
         request = self._protocol.connect()
         request.headers["Cookie"] = self._cookie
         request.headers["Origin"] = f"http://127.0.0.1:{self._port}"

@@ -43,8 +43,7 @@ class Proxy(Worker):
 
     def _work(self) -> None:
         while not self._ending.is_set():
-            waiting = any(parts for _, parts in self._pipes.values())
-            wait_s = BUSY_S if waiting else TURN_S
+            wait_s = BUSY_S if any(parts for _, parts in self._pipes.values()) else TURN_S
             try:
                 ready = select.select([*self._pipes, *self._listeners], [], [], wait_s)[0]
             except (OSError, ValueError):

@@ -59,8 +59,7 @@ def monitor_command(
     assert options.link is not None
     config = load_yaml(LinkConfig, options.link)
     token = secrets.token_urlsafe(16)
-    monitor = Monitor(config, options.drives, options.model)
-    app = create_app(monitor, road_map, token, options.host)
+    app = create_app(Monitor(config, options.drives, options.model), road_map, token, options.host)
     shown = "localhost" if options.host in LOOPBACK_NAMES else options.host
     print(f"Open http://{shown}:{options.port}/?token={token}", flush=True)
     if options.host not in LOOPBACK_NAMES:

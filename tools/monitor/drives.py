@@ -110,8 +110,7 @@ class DriveRecorder:
             "began": began.isoformat(timespec="seconds"),
             "model": telemetry.model,
         }
-        name = f"{began:%Y%m%d-%H%M%S}-{mission[:8]}{SUFFIX}"
-        self._file = DriveFile(self._folder / name, about)
+        self._file = DriveFile(self._folder / f"{began:%Y%m%d-%H%M%S}-{mission[:8]}{SUFFIX}", about)
 
 
 def list_drives(folder: Path) -> list[DriveSummary]:
@@ -180,8 +179,7 @@ def _began(folder: Path, name: str) -> tuple[Path, float]:
 
 
 def _path(folder: Path, name: str) -> Path:
-    known = [path.name[: -len(SUFFIX)] for path in folder.glob(f"*{SUFFIX}")]
-    expect_one_of("drive", name, known)
+    expect_one_of("drive", name, [path.name[: -len(SUFFIX)] for path in folder.glob(f"*{SUFFIX}")])
     return folder / f"{name}{SUFFIX}"
 
 

@@ -63,8 +63,7 @@ class DoubleDQN(ChannelLast, DQN):
                 values = self.q_net_target(batch.observations)
                 best = values.max(dim=1, keepdim=True).values
                 target -= self.action_gap * (best - values.gather(1, batch.actions.long()))
-        policy = cast(QPolicy, self.policy)
-        values, path_loss = policy.values_and_path_loss(batch.observations)
+        values, path_loss = cast(QPolicy, self.policy).values_and_path_loss(batch.observations)
         chosen = values.gather(1, batch.actions.long())
         loss = smooth_l1_loss(chosen, target) + path_loss
         return descend(self.policy.optimizer, loss, self.max_grad_norm)

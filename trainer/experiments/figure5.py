@@ -124,8 +124,7 @@ def as_table(asked: Figure5Options, curves: Sequence[Curve]) -> RichTable:
 def on_common_steps(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
     """Steps (K,) and rewards (seeds, K), where all seeds have been judged."""
     first = max(steps[0] for steps in curve.steps)
-    last = min(steps[-1] for steps in curve.steps)
-    grid = np.linspace(first, max(first, last), _GRID)
+    grid = np.linspace(first, max(first, min(steps[-1] for steps in curve.steps)), _GRID)
     pairs = zip(curve.steps, curve.rewards, strict=True)
     return grid, np.array([np.interp(grid, steps, rewards) for steps, rewards in pairs])
 

@@ -91,8 +91,7 @@ def fuse(means: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
         product = _enlarge(product, mean.shape) * mean
     product = product - product.min()
     peak = float(product.max())
-    normalised = product / peak if peak > 0.0 else product
-    return _enlarge(normalised.astype(np.float32), shape)
+    return _enlarge((product / peak if peak > 0.0 else product).astype(np.float32), shape)
 
 
 def overlay(image: np.ndarray, attention: np.ndarray) -> np.ndarray:

@@ -42,8 +42,7 @@ def keep_films(found: Sequence[Filmed], out: Path, prefix: str) -> list[tuple[st
     out.mkdir(parents=True, exist_ok=True)
     for _, old in films(out, prefix):
         old.unlink()
-    worst = nlargest(WORST, found, key=lambda each: each.badness)
-    for rank, each in enumerate(worst, start=1):
+    for rank, each in enumerate(nlargest(WORST, found, key=lambda each: each.badness), start=1):
         words = re.sub(r"[^\w.-]+", "_", each.title)
         shutil.copy(each.path, out / f"{prefix}_{rank}_{words}.mp4")
     return films(out, prefix)

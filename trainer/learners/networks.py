@@ -93,8 +93,7 @@ class DuelingQNetwork(QNetwork):
         super().__init__(*args, **kwargs)
         advantage = self.q_net
         hidden = nn.Sequential(*create_mlp(self.features_dim, -1, self.net_arch))
-        value = nn.Sequential(hidden, nn.Linear(self.net_arch[-1], 1))
-        self.q_net = _Dueling(value, advantage)
+        self.q_net = _Dueling(nn.Sequential(hidden, nn.Linear(self.net_arch[-1], 1)), advantage)
 
 
 class _Dueling(nn.Sequential):

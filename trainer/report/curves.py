@@ -46,8 +46,7 @@ def draw_panels(panels: Sequence[tuple[str, Sequence[Record]]], path: Path) -> N
     evaluations = [e for _, records in panels for _, es in records for e in es]
     measured = any(e.mean_distance_m is not None for e in evaluations)
     columns = [_draw_success, *([_draw_distance] if measured else []), _draw_reward]
-    size = (4.4 * len(columns), 3.1 * len(panels))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=(4.4 * len(columns), 3.1 * len(panels)), layout="constrained")
     axes = np.asarray(figure.subplots(len(panels), len(columns), sharex="row", squeeze=False))
     for row, (title, records) in zip(axes, panels, strict=True):
         row[0].set_title(fill(title, _TITLE_LETTERS), loc="left", fontsize="medium")

@@ -43,8 +43,7 @@ def share_of(config: RunConfig, rank: int) -> RunConfig:
     assert shares is not None  # its processes are its own, and `RunConfig` allows no others
     learn = shares.of_each(config.learn, config.workers)
     seed = int(np.random.SeedSequence((config.seed, rank)).generate_state(1)[0] % 2**31)
-    steps = -(-config.steps // config.workers)
-    return replace(config, steps=steps, seed=seed, learn=learn)
+    return replace(config, steps=-(-config.steps // config.workers), seed=seed, learn=learn)
 
 
 class Crew:

@@ -71,8 +71,7 @@ def bright_lines(pictures: np.ndarray, paint: np.ndarray) -> np.ndarray:
     masks = np.zeros(pictures.shape[:3], np.uint8)
     shares = paint.astype(np.float32) / 255.0
     floors = shares[:, 0] + shares[:, 1] + shares[:, 3] >= _FLOOR_SHARE
-    brightness = pictures[..., :2].mean(-1)
-    for mask, light, floor in zip(masks, brightness, floors, strict=True):
+    for mask, light, floor in zip(masks, pictures[..., :2].mean(-1), floors, strict=True):
         seen = np.round(light[floor]).astype(np.uint8)
         if not len(seen):
             continue

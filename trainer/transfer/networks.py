@@ -57,8 +57,7 @@ def painted(scores: torch.Tensor, colours: torch.Tensor) -> torch.Tensor:
     """
     best, seen = scores[:, :1], colours[0].view(1, 3, 1, 1)
     for k in range(1, len(colours)):
-        better = scores[:, k : k + 1] > best
-        seen = torch.where(better, colours[k].view(1, 3, 1, 1), seen)
+        seen = torch.where(scores[:, k : k + 1] > best, colours[k].view(1, 3, 1, 1), seen)
         best = torch.maximum(best, scores[:, k : k + 1])
     return seen
 
@@ -184,8 +183,7 @@ def patch_critic(
     widest = MOST_WIDENING * width
     for k in range(1, layers + 1):
         wider, stride = min(2 * width, widest), 2 if k < layers else 1
-        convolution = nn.Conv2d(width, wider, 4, stride, 1, bias=False)
-        stack += [convolution, norm(wider), nn.LeakyReLU(0.2)]
+        stack += [nn.Conv2d(width, wider, 4, stride, 1, bias=False), norm(wider), nn.LeakyReLU(0.2)]
         width = wider
     return nn.Sequential(*stack, nn.Conv2d(width, 1, 4, 1, 1))
 

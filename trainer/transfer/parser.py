@@ -151,8 +151,7 @@ def draw_batch(
 
 def save_parser(parser: Parser, path: Path) -> None:
     """Write options and weights, whole or not at all."""
-    content = {"options": to_plain(parser.options), "network": parser.network.state_dict()}
-    save_torch(path, content)
+    save_torch(path, {"options": to_plain(parser.options), "network": parser.network.state_dict()})
 
 
 def load_parser(path: Path) -> Parser:

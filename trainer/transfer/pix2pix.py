@@ -88,8 +88,7 @@ class Pix2Pix:
     def __init__(self, config: Pix2PixConfig, seed: int) -> None:
         torch.manual_seed(seed)
         self.config = config
-        generator = pix2pix_unet(config.size, config.channels, config.halvings)
-        self.generator = generator.apply(_normal)
+        self.generator = pix2pix_unet(config.size, config.channels, config.halvings).apply(_normal)
         critic = patch_critic(config.channels, config.critic_layers, 6, nn.BatchNorm2d)
         self.critic = critic.apply(_normal)
         self.of_generator, self.of_critic = (
@@ -109,8 +108,7 @@ class Pix2Pix:
         ``lines``: classes that no photograph shows, and the paint that must appear in them.
         """
         classes, paint = lines or (given[:0], None)
-        both = self.generator.train()(torch.cat((given, classes)))
-        made, drawn = both.tensor_split([len(given)])
+        made, drawn = self.generator.train()(torch.cat((given, classes))).tensor_split([len(given)])
         real, fake = self.judged(given, wanted), self.judged(given, made.detach())
         descend(self.of_critic, 0.5 * (_belongs(real, 1.0) + _belongs(fake, 0.0)))
         distance = functional.l1_loss(made, wanted)

@@ -126,8 +126,7 @@ class Eye:
         slopes = np.concatenate((seen[1 : 1 + half], seen[-6:-3]))
         slopes -= np.concatenate((seen[1 + half : -6], seen[-3:]))
         slopes *= (1.0 - self._shade * far) / (2.0 * self._small)[:, None, None]
-        shade = -far * seen[: int(self._camera_too)]
-        each = np.concatenate((slopes[:-3], shade, slopes[-3:]))
+        each = np.concatenate((slopes[:-3], -far * seen[: int(self._camera_too)], slopes[-3:]))
         return Cover((1.0 - self._shade * far) * seen[0], each)
 
 
@@ -204,10 +203,8 @@ def views_of(
     images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap, blur_px: float = BLUR_PX
 ) -> Views:
     """Of pictures (120, 160, 3): the planes are brightness and yellow."""
-    soft = _blurred(np.asarray(images, np.float32), blur_px)
-    red, green, blue = np.moveaxis(soft, -1, 0)
-    yellow = _blurred((red + green) / 2 - blue, YELLOW_PX)
-    planes = np.stack(((red + green + blue) / 3, yellow), -1)
+    red, green, blue = np.moveaxis(_blurred(np.asarray(images, np.float32), blur_px), -1, 0)
+    planes = np.stack(((red + green + blue) / 3, _blurred((red + green) / 2 - blue, YELLOW_PX)), -1)
     return Views(planes.reshape(len(images), -1, 2), poses, road_map, blur_px)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from robot.contract import ImageSpec
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
-from trainer.twin.camera import COLUMNS, ROWS, rig_of
+from trainer.twin.camera import FAR, rig_of
 
 KINDS = ("white", "yellow", "outside", "asphalt")
 LEAST_PIXELS = 150  # by which a colour is known
@@ -48,10 +48,9 @@ def fit_colours(images: np.ndarray, drawn: np.ndarray, still: Sequence[np.ndarra
 
     ``still``: pictures that followed each other while the robot stood.
     """
-    far = 0.5 * (ROWS**2 + COLUMNS**2)  # 1 in the corners
     masks = members(drawn)
     levels = {kind: images[mask].astype(float) for kind, mask in masks.items()}
-    radii = {kind: np.broadcast_to(far, mask.shape)[mask] for kind, mask in masks.items()}
+    radii = {kind: np.broadcast_to(FAR, mask.shape)[mask] for kind, mask in masks.items()}
     shade = _vignetting(levels["asphalt"], radii["asphalt"])
     seen = [kind for kind in KINDS if len(levels[kind]) >= LEAST_PIXELS]
     rgb = {kind: _unshaded(levels[kind], 1.0 - shade * radii[kind][:, None]) for kind in seen}
@@ -74,8 +73,7 @@ def _vignetting(levels: np.ndarray, radii: np.ndarray) -> float:
     if len(known) < 4:
         return 0.0
     at = np.array([radii[fair][rings == r].mean() for r in known])
-    medians = np.array([np.median(bright[rings == r]) for r in known])
-    slope, middle = np.polyfit(at, medians, 1)
+    slope, middle = np.polyfit(at, np.array([np.median(bright[rings == r]) for r in known]), 1)
     return float(np.clip(-slope / max(middle, 1.0), 0.0, 0.6))
 
 

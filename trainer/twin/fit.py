@@ -159,8 +159,7 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
         found |= _camera_of(camera, motion)
         scene = seen.cover_scene(drives[0].road_map, camera.width)
         cover = seen_from(scene, camera.values, camera.poses)
-        colours = fit_colours(images[chosen], cover, _still(drives[0]))
-        found |= colours_told(colours, camera, unseen)
+        found |= colours_told(fit_colours(images[chosen], cover, _still(drives[0])), camera, unseen)
     else:
         told = dict(enumerate(above))
         unseen.append(

@@ -109,8 +109,7 @@ def laid(ours: np.ndarray, told: np.ndarray, roots: np.ndarray) -> np.ndarray:
     turn = np.angle(np.exp(1j * (told[:, 2] - ours[:, 2])).sum())
     for _ in range(3):
         c, s = np.cos(turn), np.sin(turn)
-        middle = ours[:, :2].mean(axis=0)
-        turned = (ours[:, :2] - middle) @ np.array(((c, s), (-s, c)))
+        turned = (ours[:, :2] - ours[:, :2].mean(axis=0)) @ np.array(((c, s), (-s, c)))
         moves = np.zeros((len(ours), 3, 3))
         moves[:, (0, 1, 2), (0, 1, 2)] = 1.0
         moves[:, 0, 2], moves[:, 1, 2] = -turned[:, 1], turned[:, 0]
@@ -166,8 +165,7 @@ def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
     for drive in drives:
         rows = []
         for track, guess in zip(reckoned(drive.commands, values), values, strict=True):
-            at = at_times(track, drive.times_s, guess[5])
-            ours = compose(at, guess[None, len(NAMES) :])
+            ours = compose(at_times(track, drive.times_s, guess[5]), guess[None, len(NAMES) :])
             off = []
             for part in pieces(drive.times_s, drive.piece_s):
                 told, roots = drive.poses[part], drive.roots[part]
