@@ -160,6 +160,17 @@ def test_motors_are_told_by_most_poses_also_where_some_are_far_off() -> None:
     assert (pictures.sd[:5] > 2.9 * found.sd[:5]).all()
 
 
+def test_motors_without_lag_are_known_to_have_none() -> None:
+    """Below a step of physics no lag changes anything: a fit that came there learned no more."""
+    true, driven, _, times_s = jerky(40.0)
+    true = true - np.array((0.0, 0.0, 0.0, 0.1, 0.08, 0.0, 0.0, 0.0, 0.0))
+    poses = at_times(reckoned(driven, true[None])[0], times_s, true[5])
+    poses += np.random.default_rng(2).normal(0.0, (2e-3, 2e-3, 4e-3), poses.shape)
+    found = fit_motion([from_above(driven, np.column_stack((times_s, poses)))], eye=False)
+    assert (found.values[3:5] < 0.07).all()  # of 0.1 to begin with
+    assert (found.sd[3:5] < 0.03).all()
+
+
 def test_motors_that_never_ran_stay_as_unsure_as_before() -> None:
     stood = np.zeros((900, 2))
     told = np.column_stack((np.arange(290) * 0.1, np.ones((290, 3))))
