@@ -168,7 +168,8 @@ class Crowd:
 
     def _begin_others(self, group: int, k: int, layout: Layout, rng: np.random.Generator) -> None:
         how, movers = self._how, self._streets.movers[k]
-        starts = [(car.path, car.arc_m) for car in [layout.car() for _ in how.robots_npcs]]
+        cars = [layout.car() for _ in how.robots_npcs]
+        starts = [(car.path, car.arc_m) for car in cars]
         starts += [layout.tour_at(o) for o in movers if o.kind == "duckiebot"]
         self.drivers.begin(group, starts, how, rng)
         for place in range(self._parked):
