@@ -31,7 +31,7 @@ from sim_pybullet.sensing.sensor import apply_sensor
 from tests import thorough
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin import camera, fit
-from trainer.twin.camera import COLUMNS, ROWS, USUAL, Fitted, descend, rival_of, settle, views_of
+from trainer.twin.camera import USUAL, Fitted, descend, rival_of, settle, shading, views_of
 from trainer.twin.colours import fit_colours, members, seen_from
 from trainer.twin.fit import (
     EYE_PIECE_S,
@@ -258,7 +258,7 @@ def test_steering_that_is_written_down_the_wrong_way_round_is_refused(tmp_path: 
 
 def test_what_burns_out_does_so_in_shaded_corners_too() -> None:
     """Else a twin would draw grey what the camera showed white."""
-    far = 0.5 * (ROWS**2 + COLUMNS**2)
+    far = 0.5 * shading()[:, -2:].sum(axis=1).reshape(120, 160)
     drawn = np.zeros((2, 120, 160, 3), np.uint8)
     drawn[..., 80:, 0] = 255  # white on the right, else road
     levels = np.where(drawn[..., :1] > 0, (300.0, 200.0, 310.0), (60.0, 55.0, 50.0))

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from operator import attrgetter
 from typing import NamedTuple, Self
 
@@ -42,34 +43,42 @@ TRIED_RAD = np.radians((-8.0, -4.0, 0.0, 4.0, 8.0))
 ROUNDS = ((12, 1, 8), (12, 2, 3), (30, 3, 2))  # by so many pictures so many steps; so many go on
 SHARP_STEPS, LAST_STEPS = 3, 8  # of those that are left, and of the best by all pictures
 FARTHEST = 6.0  # times a step goes on
+SETTLED = 0.02  # of a spread: a pose that moves by less is there
 PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
 APART_M, APART_RAD = 0.01, 0.05  # of height and middle of the picture: two cameras, not one
 RIVAL = 1.3  # times as much may the next best leave unexplained, to be as likely
-SOFT_PX, BLUR_PX = 3.0, 1.0  # of pictures: to find lines from afar, and against aliasing
+SOFT, BLUR_PX = 2, 1.0  # shrunk pictures, to find lines from afar; against aliasing
 YELLOW_PX = 1.5  # more of yellow: JPEG keeps colours less sharp than brightness
-_EVERY = 3  # pixels of which one is asked
+_EVERY = 3  # pixels of which one is asked; of shrunk pictures all are
 _ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
 _TELLS = 8.0  # and between two cameras a picture as much as so few numbers
-ROWS, COLUMNS = np.mgrid[-1:1:120j, -1:1:160j]  # of pixels
-FAR = 0.5 * (ROWS**2 + COLUMNS**2)  # from the middle, squared; 1 in the corners
-_SHADES = (np.ones_like(ROWS), ROWS, COLUMNS, ROWS**2, COLUMNS**2)
-_SHADING = np.stack(_SHADES, axis=-1).reshape(-1, len(_SHADES))
-_COVER = {
-    SemanticClass.WHITE_LINE: (255, 0, 0),
-    SemanticClass.YELLOW_LINE: (0, 255, 0),
-    SemanticClass.OUTSIDE: (0, 0, 255),
-    SemanticClass.RED_LINE: (255, 255, 0),  # where two say all, nothing is known
-}
+_COVER = GroundLook(
+    asphalt_rgb=(0.0, 0.0, 0.0),
+    white_rgb=(255.0, 0.0, 0.0),
+    yellow_rgb=(0.0, 255.0, 0.0),
+    red_rgb=(255.0, 255.0, 0.0),  # where two say all, nothing is known
+    outside_rgb=(0.0, 0.0, 255.0),
+    grain=0.0,
+    seam_depth=0.0,
+)
+
+
+@cache
+def shading(shrink: int = 1) -> np.ndarray:
+    """(pixels, 5) by which a picture may be shaded, that is so many times smaller.
+
+    The last two together are twice how far off the middle a pixel is, squared; 1 in the corners.
+    """
+    rows, columns = np.mgrid[-1 : 1 : 120j / shrink, -1 : 1 : 160j / shrink]
+    terms = (np.ones_like(rows), rows, columns, rows**2, columns**2)
+    return np.stack(terms, axis=-1).reshape(-1, len(terms))
 
 
 def cover_scene(road_map: RoadMap, width: float) -> Scene:
     """The floor in white, yellow and beside as red, green and blue; lines so many times as wide."""
-    ground = paint_ground(road_map, GroundLook(line_width_scale=width))
-    rgb = np.zeros((*ground.classes.shape, 3), np.uint8)
-    for kind, colour in _COVER.items():
-        rgb[ground.classes == kind] = colour
-    bare = replace(ground, rgb=rgb, outside_rgb=(0.0, 0.0, 255.0))
-    return Scene(bare, (), SkyLook(), LightLook(ambient=1.0, diffuse=0.0))
+    ground = paint_ground(road_map, replace(_COVER, line_width_scale=width))
+    ground.rgb[ground.classes == SemanticClass.OUTSIDE] = _COVER.outside_rgb
+    return Scene(ground, (), SkyLook(), LightLook(ambient=1.0, diffuse=0.0))
 
 
 def rig_of(values: np.ndarray) -> CameraRig:
@@ -92,40 +101,47 @@ class Eye:
     every value the same way.
     """
 
-    def __init__(self, road_map: RoadMap, values: np.ndarray, camera_too: bool) -> None:
+    def __init__(
+        self, road_map: RoadMap, values: np.ndarray, camera_too: bool, shrink: int = 1
+    ) -> None:
         moves = np.diag(_SMALL)[: camera_too * len(_SMALL)] @ np.eye(len(_SMALL), len(USUAL))
         tried = [values + move for move in (0.0 * USUAL, *moves, *-moves)]
         scenes = {width: cover_scene(road_map, width) for width in {each[WIDTH] for each in tried}}
         rigs = [rig_of(each) for each in tried]
         self._slots = np.array([*range(len(rigs)), *(0,) * 6])
-        self._camera = RayCamera(ImageSpec(), len(rigs))
+        width_px, height_px = 160 // shrink, 120 // shrink
+        self._camera = RayCamera(ImageSpec(width_px, height_px), len(rigs))
         for k, (rig, each) in enumerate(zip(rigs, tried, strict=True)):
             self._camera.set_robot(k, scenes[each[WIDTH]], rig)
         self._shade, self._camera_too = values[-1], camera_too
         self._small = np.array([*_SMALL[: len(moves)], *_SMALL_POSE], np.float32)
-        pixels = np.stack(np.meshgrid(np.arange(160), np.arange(120)), axis=-1).astype(float)
-        found = CameraRig(rigs[0].lens.scaled(160, 120), rigs[0].mount).to_floor(pixels)
+        pixels = np.stack(np.meshgrid(np.arange(width_px), np.arange(height_px)), axis=-1)
+        lens = rigs[0].lens.scaled(width_px, height_px)
+        found = CameraRig(lens, rigs[0].mount).to_floor(pixels.astype(float))
+        self._shrink, self.shading = shrink, shading(shrink)
         self._near = np.nan_to_num(np.hypot(found[..., 0], found[..., 1]), nan=np.inf) < FAR_M
 
-    def look(self, pose: np.ndarray, blur_px: float) -> tuple[np.ndarray, list[Cover]]:
+    def look(self, pose: np.ndarray) -> tuple[np.ndarray, list[Cover]]:
         """At a pose (3,): indices (N,) of known pixels, and what covers these in each plane."""
         poses = np.tile(pose, (len(self._slots), 1))
         poses[-6:-3] += np.diag(_SMALL_POSE)
         poses[-3:] -= np.diag(_SMALL_POSE)
         drawn = self._camera.render(poses, self._slots)
         beside, unknown = drawn[0, ..., 2] > 250, drawn[0, ..., :2].min(axis=-1) > 30
-        off_road = cv2.erode(beside.astype(np.uint8), np.ones((9, 9))) > 0
-        off_road |= cv2.dilate(unknown.astype(np.uint8), np.ones((5, 5))) > 0
-        known = np.flatnonzero(self._near & ~off_road)[::_EVERY]
-        bright = _blurred(drawn.astype(np.float32) / 255.0, blur_px)
-        return known, [self._cover(each, known) for each in (bright, _blurred(bright, YELLOW_PX))]
+        off_road = cv2.erode(beside.astype(np.uint8), np.ones((8 // self._shrink + 1,) * 2)) > 0
+        off_road |= cv2.dilate(unknown.astype(np.uint8), np.ones((4 // self._shrink + 1,) * 2)) > 0
+        known = np.flatnonzero(self._near & ~off_road)[:: _EVERY if self._shrink == 1 else 1]
+        shares, half = drawn.astype(np.float32) / 255.0, (len(drawn) - 7) // 2
+        more = np.concatenate((shares[1 : 1 + half], shares[-6:-3]))
+        more -= np.concatenate((shares[1 + half : -6], shares[-3:]))
+        bright = _blurred(np.concatenate((shares[:1], more)), BLUR_PX)
+        yellow = _blurred(bright, YELLOW_PX / self._shrink)
+        return known, [self._cover(each, known) for each in (bright, yellow)]
 
     def _cover(self, drawn: np.ndarray, known: np.ndarray) -> Cover:
-        seen, far = drawn.reshape(len(drawn), -1, 3)[:, known], FAR.reshape(-1, 1)[known]
-        half = (len(seen) - 7) // 2
-        slopes = np.concatenate((seen[1 : 1 + half], seen[-6:-3]))
-        slopes -= np.concatenate((seen[1 + half : -6], seen[-3:]))
-        slopes *= (1.0 - self._shade * far) / (2.0 * self._small)[:, None, None]
+        seen = drawn.reshape(len(drawn), -1, 3)[:, known]
+        far = 0.5 * self.shading[known, -2:].sum(axis=1, keepdims=True)
+        slopes = (1.0 - self._shade * far) / (2.0 * self._small)[:, None, None] * seen[1:]
         each = np.concatenate((slopes[:-3], -far * seen[: int(self._camera_too)], slopes[-3:]))
         return Cover((1.0 - self._shade * far) * seen[0], each)
 
@@ -135,17 +151,17 @@ def _blurred(pictures: np.ndarray, blur_px: float) -> np.ndarray:
 
 
 def explain(
-    planes: np.ndarray, eye: Eye, pose: np.ndarray, blur_px: float
+    planes: np.ndarray, eye: Eye, pose: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """How a picture's planes (pixels, 2) follow from what the eye draws at a pose (3,).
 
     Normal equations of camera and pose, (G, G) and (G,); the share of variance that is explained.
     """
-    known, covers = eye.look(pose, blur_px)
+    known, covers = eye.look(pose)
     matrix, vector = np.zeros((count := len(covers[0].slopes), count)), np.zeros(count)
     if len(known) < 200:
         return matrix, vector, 0.0
-    shaded, left, whole = _SHADING[known], 0.0, 0.0
+    shaded, left, whole = eye.shading[known], 0.0, 0.0
     for plane, (cover, slopes) in zip(planes[known].T, covers, strict=True):
         terms = np.concatenate((shaded, cover), axis=1)
         weights = np.ones(len(known))
@@ -192,7 +208,7 @@ class Views(NamedTuple):
     planes: np.ndarray  # (F, pixels, 2)
     poses: np.ndarray
     road_map: RoadMap
-    blur_px: float
+    shrink: int
 
     def some(self, chosen: np.ndarray) -> Self:
         """Those of these numbers."""
@@ -200,17 +216,20 @@ class Views(NamedTuple):
 
 
 def views_of(
-    images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap, blur_px: float = BLUR_PX
+    images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap, shrink: int = 1
 ) -> Views:
-    """Of pictures (120, 160, 3): the planes are brightness and yellow."""
-    red, green, blue = np.moveaxis(_blurred(np.asarray(images, np.float32), blur_px), -1, 0)
-    planes = np.stack(((red + green + blue) / 3, _blurred((red + green) / 2 - blue, YELLOW_PX)), -1)
-    return Views(planes.reshape(len(images), -1, 2), poses, road_map, blur_px)
+    """Of pictures (120, 160, 3), so many times smaller: the planes are brightness and yellow."""
+    less = {"dsize": (160 // shrink, 120 // shrink), "interpolation": cv2.INTER_AREA}
+    small = np.stack([cv2.resize(each, **less) for each in images]).astype(np.float32)
+    red, green, blue = np.moveaxis(_blurred(small, BLUR_PX), -1, 0)
+    yellow = _blurred((red + green) / 2 - blue, YELLOW_PX / shrink)
+    planes = np.stack(((red + green + blue) / 3, yellow), axis=-1)
+    return Views(planes.reshape(len(images), -1, 2), poses, road_map, shrink)
 
 
 def fit_camera(images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap) -> Fitted:
     """The camera after pictures (120, 160, 3) taken near poses (F, 3)."""
-    soft, sharp = (views_of(images, poses, road_map, px) for px in (SOFT_PX, BLUR_PX))
+    soft, sharp = (views_of(images, poses, road_map, shrink) for shrink in (SOFT, 1))
     begins = itertools.product(TRIED_M, USUAL[1] + TRIED_RAD)
     tried = [np.array((height_m, pitch_rad, *USUAL[2:])) for height_m, pitch_rad in begins]
     for count, steps, kept in ROUNDS:
@@ -241,24 +260,27 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
 
     Pictures that the map explains less well than most say nothing of the camera.
     """
-    now = views.poses if at is None else at
+    now, _, _ = settle(views, values, views.poses if at is None else at)
     belief, count, last = np.diag(1.0 / POSE_SPREAD**2), len(USUAL), None
     for _ in range(steps):
-        now, _, _ = settle(views, values, now)
-        eye, pairs = Eye(views.road_map, values, True), zip(views.planes, now, strict=True)
-        found = [explain(planes, eye, pose, views.blur_px) for planes, pose in pairs]
-        shares = [share for *_, share in found]
-        matrix, vector = np.diag(1.0 / SPREAD**2), (USUAL - values) / SPREAD**2
-        for (both, told, share), off in zip(found, views.poses - now, strict=True):
-            if share < 0.9 * np.median(shares):
-                continue
-            cross = both[:count, count:] @ np.linalg.inv(both[count:, count:] + belief)
-            matrix = matrix + both[:count, :count] - cross @ both[count:, :count]
-            vector = vector + told[:count] - cross @ (told[count:] + belief @ off)
+        eye, pairs = Eye(views.road_map, values, True, views.shrink), zip(views.planes, now, strict=True)
+        found = [explain(planes, eye, pose) for planes, pose in pairs]
+        both, told, shares = (np.array(each) for each in zip(*found, strict=True))
+        # Where poses go: alone, and for the camera's step.
+        own = np.linalg.inv(both[:, count:, count:] + belief)
+        alone = own @ (told[:, count:] + (views.poses - now) @ belief)[..., None]
+        along, fair = -own @ both[:, count:, :count], shares >= 0.9 * np.median(shares)
+        cross = both[fair, :count, count:]
+        matrix = np.diag(1.0 / SPREAD**2) + (both[fair, :count, :count] + cross @ along[fair]).sum(0)
+        vector = (told[fair, :count] - (cross @ alone[fair])[..., 0]).sum(0)
+        vector += (USUAL - values) / SPREAD**2
         change = np.clip(np.linalg.solve(matrix, vector) / SPREAD, -1.0, 1.0)
         goal = values + SPREAD * change
         step, last = onward(goal, change, last, FARTHEST), (goal, change)
-        values = np.clip(step, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
+        before, values = values, np.clip(step, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
+        aims = alone + along @ (values - before)[:, None]
+        now = now + np.clip(aims[..., 0], -POSE_SPREAD, POSE_SPREAD)
+        now, _, _ = settle(views, values, now, 1)
     sd, share = np.sqrt(np.diag(np.linalg.inv(matrix))), float(np.median(shares))
     off, unusual = (now - views.poses) / POSE_SPREAD, (values - USUAL) / SPREAD
     moved = (off**2).sum() + (unusual**2).sum()
@@ -288,16 +310,18 @@ def settle(
     Also roots (F, 3, 3) of their information, and how much of each picture is explained. Going on
     by up to ``farthest`` steps is for a camera that is known: by another one it leads astray.
     """
-    eye, belief = Eye(views.road_map, values, False), np.diag(1.0 / POSE_SPREAD**2)
+    eye, belief = Eye(views.road_map, values, False, views.shrink), np.diag(1.0 / POSE_SPREAD**2)
     now, roots, shares = begin.copy(), np.zeros((len(begin), 3, 3)), np.zeros(len(begin))
     for k, planes in enumerate(views.planes):
         last = None
         for _ in range(steps):
-            matrix, vector, shares[k] = explain(planes, eye, now[k], views.blur_px)
+            matrix, vector, shares[k] = explain(planes, eye, now[k])
             own = matrix + belief
             step = np.linalg.solve(own, vector + belief @ (views.poses[k] - now[k]))
             change = np.clip(step / POSE_SPREAD, -1.0, 1.0)
             goal = now[k] + POSE_SPREAD * change
             now[k], last = onward(goal, change, last, farthest), (goal, change)
+            if np.abs(change).max() < SETTLED:
+                break
         roots[k] = np.linalg.cholesky(own).T
     return now, roots, shares
