@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from operator import attrgetter
 from typing import NamedTuple, Self
 
@@ -37,10 +37,10 @@ POSE_SPREAD = np.array((0.04, 0.04, 0.09))
 # For derivatives, each a fraction of a pixel: those of camera and pose must cancel each other.
 _SMALL = np.array((1e-3, 3e-3, 3e-3, 3e-3, 15e-3, 0.2, 0.2, 0.05))
 _SMALL_POSE = np.array((2e-3, 2e-3, 5e-3))
-FAR_M = 0.9
+FAR_M = 0.8
 TRIED_M = (0.09, 0.11, 0.13)  # heights to begin with, and pitches
 TRIED_RAD = np.radians((-8.0, -4.0, 0.0, 4.0, 8.0))
-ROUNDS = ((12, 1, 8), (12, 2, 3), (30, 3, 2))  # by so many pictures so many steps; so many go on
+ROUNDS = ((12, 2, 8), (12, 2, 4), (30, 3, 2))  # by so many pictures so many steps; so many go on
 SHARP_STEPS, LAST_STEPS = 3, 8  # of those that are left, and of the best by all pictures
 FARTHEST = 6.0  # times a step goes on
 SETTLED = 0.02  # of a spread: a pose that moves by less is there
@@ -48,7 +48,9 @@ PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
 APART_M, APART_RAD = 0.01, 0.05  # of height and middle of the picture: two cameras, not one
 RIVAL = 1.3  # times as much may the next best leave unexplained, to be as likely
 SOFT, BLUR_PX = 2, 1.0  # shrunk pictures, to find lines from afar; against aliasing
+SOFTER_PX = 2.0  # and pictures may be by so much less sharp, as they move or for JPEG
 YELLOW_PX = 1.5  # more of yellow: JPEG keeps colours less sharp than brightness
+NEAR_PX = 21  # around a pixel: what is alike there is light; and so near the road a floor is known
 _EVERY = 3  # pixels of which one is asked; of shrunk pictures all are
 _ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
 _TELLS = 8.0  # and between two cameras a picture as much as so few numbers
@@ -64,16 +66,16 @@ _COVER = GroundLook(
 
 
 @cache
-def shading(shrink: int = 1) -> np.ndarray:
-    """(pixels, 5) by which a picture may be shaded, that is so many times smaller.
+def far(shrink: int = 1) -> np.ndarray:
+    """(H, W) of pixels of pictures so many times smaller: how far off the middle, squared.
 
-    The last two together are twice how far off the middle a pixel is, squared; 1 in the corners.
+    In the corners it is 1.
     """
     rows, columns = np.mgrid[-1 : 1 : 120j / shrink, -1 : 1 : 160j / shrink]
-    terms = (np.ones_like(rows), rows, columns, rows**2, columns**2)
-    return np.stack(terms, axis=-1).reshape(-1, len(terms))
+    return np.asarray(0.5 * (rows**2 + columns**2), np.float32)
 
 
+@lru_cache(maxsize=4)
 def cover_scene(road_map: RoadMap, width: float) -> Scene:
     """The floor in white, yellow and beside as red, green and blue; lines so many times as wide."""
     ground = paint_ground(road_map, replace(_COVER, line_width_scale=width))
@@ -91,6 +93,7 @@ class Cover(NamedTuple):
     """How much of each of three kinds known pixels see."""
 
     share: np.ndarray  # (N, 3)
+    softer: np.ndarray  # (N, 3) what a lens adds that is less sharp
     slopes: np.ndarray  # (G, N, 3)
 
 
@@ -113,12 +116,14 @@ class Eye:
         self._camera = RayCamera(ImageSpec(width_px, height_px), len(rigs))
         for k, (rig, each) in enumerate(zip(rigs, tried, strict=True)):
             self._camera.set_robot(k, scenes[each[WIDTH]], rig)
-        self._shade, self._camera_too = values[-1], camera_too
+        self._shade, self._camera_too = float(values[-1]), camera_too
         self._small = np.array([*_SMALL[: len(moves)], *_SMALL_POSE], np.float32)
         pixels = np.stack(np.meshgrid(np.arange(width_px), np.arange(height_px)), axis=-1)
         lens = rigs[0].lens.scaled(width_px, height_px)
         found = CameraRig(lens, rigs[0].mount).to_floor(pixels.astype(float))
-        self._shrink, self.shading = shrink, shading(shrink)
+        self._shrink, self._far = shrink, far(shrink)[..., None]
+        rounded = _unlit(self._far[None, ..., 0]).ravel()  # not all of it goes, at the edges
+        self.shading = np.stack((np.ones_like(rounded), rounded), axis=1)
         self._near = np.nan_to_num(np.hypot(found[..., 0], found[..., 1]), nan=np.inf) < FAR_M
 
     def look(self, pose: np.ndarray) -> tuple[np.ndarray, list[Cover]]:
@@ -128,31 +133,35 @@ class Eye:
         poses[-3:] -= np.diag(_SMALL_POSE)
         drawn = self._camera.render(poses, self._slots)
         beside, unknown = drawn[0, ..., 2] > 250, drawn[0, ..., :2].min(axis=-1) > 30
-        off_road = cv2.erode(beside.astype(np.uint8), np.ones((8 // self._shrink + 1,) * 2)) > 0
+        off_road = cv2.erode(beside.astype(np.uint8), np.ones((NEAR_PX, NEAR_PX))) > 0
         off_road |= cv2.dilate(unknown.astype(np.uint8), np.ones((4 // self._shrink + 1,) * 2)) > 0
         known = np.flatnonzero(self._near & ~off_road)[:: _EVERY if self._shrink == 1 else 1]
         shares, half = drawn.astype(np.float32) / 255.0, (len(drawn) - 7) // 2
         more = np.concatenate((shares[1 : 1 + half], shares[-6:-3]))
         more -= np.concatenate((shares[1 + half : -6], shares[-3:]))
-        bright = _blurred(np.concatenate((shares[:1], more)), BLUR_PX)
-        yellow = _blurred(bright, YELLOW_PX / self._shrink)
-        return known, [self._cover(each, known) for each in (bright, yellow)]
+        more /= (2.0 * self._small)[:, None, None, None]
+        lit, darker = 1.0 - self._shade * self._far, (-self._far * shares[:1])[: self._camera_too]
+        each = np.concatenate((lit * shares[:1], lit * more[:-3], darker, lit * more[-3:]))
+        bright = _blurred(_unlit(each), BLUR_PX)
+        both = bright, _blurred(bright, YELLOW_PX / self._shrink)
+        return known, [self._cover(plane, known) for plane in both]
 
-    def _cover(self, drawn: np.ndarray, known: np.ndarray) -> Cover:
-        seen = drawn.reshape(len(drawn), -1, 3)[:, known]
-        far = 0.5 * self.shading[known, -2:].sum(axis=1, keepdims=True)
-        slopes = (1.0 - self._shade * far) / (2.0 * self._small)[:, None, None] * seen[1:]
-        each = np.concatenate((slopes[:-3], -far * seen[: int(self._camera_too)], slopes[-3:]))
-        return Cover((1.0 - self._shade * far) * seen[0], each)
+    def _cover(self, plane: np.ndarray, known: np.ndarray) -> Cover:
+        softer = _blurred(plane[:1], SOFTER_PX / self._shrink) - plane[:1]
+        seen = np.concatenate((softer, plane)).reshape(len(plane) + 1, -1, 3)[:, known]
+        return Cover(seen[1], seen[0], seen[2:])
 
 
 def _blurred(pictures: np.ndarray, blur_px: float) -> np.ndarray:
     return np.stack([cv2.GaussianBlur(each, (0, 0), blur_px) for each in pictures])
 
 
-def explain(
-    planes: np.ndarray, eye: Eye, pose: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
+def _unlit(pictures: np.ndarray) -> np.ndarray:
+    """Without what shadows, gloss and patches do, which are large."""
+    return np.stack([each - cv2.blur(each, (NEAR_PX, NEAR_PX)) for each in pictures])
+
+
+def explain(planes: np.ndarray, eye: Eye, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """How a picture's planes (pixels, 2) follow from what the eye draws at a pose (3,).
 
     Normal equations of camera and pose, (G, G) and (G,); the share of variance that is explained.
@@ -161,9 +170,9 @@ def explain(
     matrix, vector = np.zeros((count := len(covers[0].slopes), count)), np.zeros(count)
     if len(known) < 200:
         return matrix, vector, 0.0
-    shaded, left, whole = eye.shading[known], 0.0, 0.0
-    for plane, (cover, slopes) in zip(planes[known].T, covers, strict=True):
-        terms = np.concatenate((shaded, cover), axis=1)
+    left, whole = 0.0, 0.0
+    for plane, (cover, softer, slopes) in zip(planes[known].T, covers, strict=True):
+        terms = np.column_stack((eye.shading[known], softer, cover))
         weights = np.ones(len(known))
         for _ in range(3):
             heavy = terms * weights[:, None]
@@ -177,9 +186,8 @@ def explain(
         heavy = slope * (weights / (sigma**2 * _ALIKE))[:, None]
         matrix += heavy.T @ slope
         vector += heavy.T @ missed
-        plain = shaded @ np.linalg.lstsq(shaded, plane, rcond=None)[0]
         left += float((weights * missed**2).sum()) / sigma**2
-        whole += float((weights * (plane - plain) ** 2).sum()) / sigma**2
+        whole += float((weights * (plane - plane.mean()) ** 2).sum()) / sigma**2
     return matrix, vector, max(0.0, 1.0 - left / max(whole, 1e-9))
 
 
@@ -221,7 +229,7 @@ def views_of(
     """Of pictures (120, 160, 3), so many times smaller: the planes are brightness and yellow."""
     less = {"dsize": (160 // shrink, 120 // shrink), "interpolation": cv2.INTER_AREA}
     small = np.stack([cv2.resize(each, **less) for each in images]).astype(np.float32)
-    red, green, blue = np.moveaxis(_blurred(small, BLUR_PX), -1, 0)
+    red, green, blue = np.moveaxis(_blurred(_unlit(small), BLUR_PX), -1, 0)
     yellow = _blurred((red + green) / 2 - blue, YELLOW_PX / shrink)
     planes = np.stack(((red + green + blue) / 3, yellow), axis=-1)
     return Views(planes.reshape(len(images), -1, 2), poses, road_map, shrink)
@@ -260,27 +268,28 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
 
     Pictures that the map explains less well than most say nothing of the camera.
     """
-    now, _, _ = settle(views, values, views.poses if at is None else at)
+    now = views.poses if at is None else at
     belief, count, last = np.diag(1.0 / POSE_SPREAD**2), len(USUAL), None
-    for _ in range(steps):
-        eye, pairs = Eye(views.road_map, values, True, views.shrink), zip(views.planes, now, strict=True)
-        found = [explain(planes, eye, pose) for planes, pose in pairs]
+    for step in range(steps):
+        now, _, _ = settle(views, values, now, 1 if step else 3)
+        eye = Eye(views.road_map, values, True, views.shrink)
+        found = [explain(*each) for each in zip(views.planes, [eye] * len(now), now, strict=True)]
         both, told, shares = (np.array(each) for each in zip(*found, strict=True))
         # Where poses go: alone, and for the camera's step.
         own = np.linalg.inv(both[:, count:, count:] + belief)
         alone = own @ (told[:, count:] + (views.poses - now) @ belief)[..., None]
         along, fair = -own @ both[:, count:, :count], shares >= 0.9 * np.median(shares)
         cross = both[fair, :count, count:]
-        matrix = np.diag(1.0 / SPREAD**2) + (both[fair, :count, :count] + cross @ along[fair]).sum(0)
-        vector = (told[fair, :count] - (cross @ alone[fair])[..., 0]).sum(0)
+        matrix = (both[fair, :count, :count] + cross @ along[fair]).sum(axis=0)
+        matrix += np.diag(1.0 / SPREAD**2)
+        vector = (told[fair, :count] - (cross @ alone[fair])[..., 0]).sum(axis=0)
         vector += (USUAL - values) / SPREAD**2
         change = np.clip(np.linalg.solve(matrix, vector) / SPREAD, -1.0, 1.0)
         goal = values + SPREAD * change
-        step, last = onward(goal, change, last, FARTHEST), (goal, change)
-        before, values = values, np.clip(step, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
+        far_on, last = onward(goal, change, last, FARTHEST), (goal, change)
+        before, values = values, np.clip(far_on, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
         aims = alone + along @ (values - before)[:, None]
         now = now + np.clip(aims[..., 0], -POSE_SPREAD, POSE_SPREAD)
-        now, _, _ = settle(views, values, now, 1)
     sd, share = np.sqrt(np.diag(np.linalg.inv(matrix))), float(np.median(shares))
     off, unusual = (now - views.poses) / POSE_SPREAD, (values - USUAL) / SPREAD
     moved = (off**2).sum() + (unusual**2).sum()

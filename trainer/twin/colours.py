@@ -9,7 +9,7 @@ import numpy as np
 from robot.contract import ImageSpec
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
-from trainer.twin.camera import rig_of, shading
+from trainer.twin.camera import far, rig_of
 
 KINDS = ("white", "yellow", "outside", "asphalt")
 LEAST_PIXELS = 150  # by which a colour is known
@@ -50,8 +50,7 @@ def fit_colours(images: np.ndarray, drawn: np.ndarray, still: Sequence[np.ndarra
     """
     masks = members(drawn)
     levels = {kind: images[mask].astype(float) for kind, mask in masks.items()}
-    far = 0.5 * shading()[:, -2:].sum(axis=1).reshape(images.shape[1:3])
-    radii = {kind: np.broadcast_to(far, mask.shape)[mask] for kind, mask in masks.items()}
+    radii = {kind: np.broadcast_to(far(), mask.shape)[mask] for kind, mask in masks.items()}
     shade = _vignetting(levels["asphalt"], radii["asphalt"])
     seen = [kind for kind in KINDS if len(levels[kind]) >= LEAST_PIXELS]
     rgb = {kind: _unshaded(levels[kind], 1.0 - shade * radii[kind][:, None]) for kind in seen}
