@@ -21,7 +21,7 @@ from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
-from trainer.twin.camera import PX_PER_RAD, cover_scene
+from trainer.twin.camera import PX_PER_RAD, WIDTH, cover_scene
 from trainer.twin.colours import members, seen_from
 from trainer.twin.fit import Twin, fit_twin, twin_pictures, write_twin_page
 from trainer.twin.motion import NAMES, at_times, reckoned
@@ -107,7 +107,7 @@ def _late_s(look: Look) -> float:
 
 def _levels(twin: Twin, drive: Recorded) -> float:
     """The greatest difference of a kind's median colour between recorded and twin's pictures."""
-    scene = cover_scene(drive.road_map, twin.camera.width)
+    scene = cover_scene(drive.road_map, float(twin.camera.values[WIDTH]))
     cover = seen_from(scene, twin.camera.values, twin.camera.poses)
     ours, worst = twin_pictures(twin, drive), 0.0
     for mask in members(cover).values():

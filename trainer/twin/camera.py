@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from operator import attrgetter
 from typing import NamedTuple, Self
 
@@ -54,23 +54,13 @@ NEAR_PX = 21  # around a pixel: what is alike there is light; and so near the ro
 _EVERY = 3  # pixels of which one is asked; of shrunk pictures all are
 _ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
 _TELLS = 8.0  # and between two cameras a picture as much as so few numbers
-_COVER = GroundLook(
-    asphalt_rgb=(0.0, 0.0, 0.0),
-    white_rgb=(255.0, 0.0, 0.0),
-    yellow_rgb=(0.0, 255.0, 0.0),
-    red_rgb=(255.0, 255.0, 0.0),  # where two say all, nothing is known
-    outside_rgb=(0.0, 0.0, 255.0),
-    grain=0.0,
-    seam_depth=0.0,
-)
+_NO, _RED, _GREEN, _BLUE = (0.0, 0.0, 0.0), (255.0, 0.0, 0.0), (0.0, 255.0, 0.0), (0.0, 0.0, 255.0)
+# Stop lines are both red and green: where two say all, nothing is known.
+_COVER = GroundLook(_NO, _RED, _GREEN, (255.0, 255.0, 0.0), _BLUE, grain=0.0, seam_depth=0.0)
 
 
-@cache
 def far(shrink: int = 1) -> np.ndarray:
-    """(H, W) of pixels of pictures so many times smaller: how far off the middle, squared.
-
-    In the corners it is 1.
-    """
+    """(H, W) how far pixels of pictures so many times smaller are off the middle, squared."""
     rows, columns = np.mgrid[-1 : 1 : 120j / shrink, -1 : 1 : 160j / shrink]
     return np.asarray(0.5 * (rows**2 + columns**2), np.float32)
 
@@ -79,7 +69,7 @@ def far(shrink: int = 1) -> np.ndarray:
 def cover_scene(road_map: RoadMap, width: float) -> Scene:
     """The floor in white, yellow and beside as red, green and blue; lines so many times as wide."""
     ground = paint_ground(road_map, replace(_COVER, line_width_scale=width))
-    ground.rgb[ground.classes == SemanticClass.OUTSIDE] = _COVER.outside_rgb
+    ground.rgb[ground.classes == SemanticClass.OUTSIDE] = _BLUE
     return Scene(ground, (), SkyLook(), LightLook(ambient=1.0, diffuse=0.0))
 
 
@@ -89,14 +79,6 @@ def rig_of(values: np.ndarray) -> CameraRig:
     return replace(Look(), camera=camera).rig()
 
 
-class Cover(NamedTuple):
-    """How much of each of three kinds known pixels see."""
-
-    share: np.ndarray  # (N, 3)
-    softer: np.ndarray  # (N, 3) what a lens adds that is less sharp
-    slopes: np.ndarray  # (G, N, 3)
-
-
 class Eye:
     """Draws cover as a camera sees it, and as it would with each of the values a little otherwise.
 
@@ -104,30 +86,30 @@ class Eye:
     every value the same way.
     """
 
-    def __init__(
-        self, road_map: RoadMap, values: np.ndarray, camera_too: bool, shrink: int = 1
-    ) -> None:
+    def __init__(self, views: "Views", values: np.ndarray, camera_too: bool) -> None:
         moves = np.diag(_SMALL)[: camera_too * len(_SMALL)] @ np.eye(len(_SMALL), len(USUAL))
         tried = [values + move for move in (0.0 * USUAL, *moves, *-moves)]
-        scenes = {width: cover_scene(road_map, width) for width in {each[WIDTH] for each in tried}}
+        scenes = {w: cover_scene(views.road_map, w) for w in {each[WIDTH] for each in tried}}
         rigs = [rig_of(each) for each in tried]
         self._slots = np.array([*range(len(rigs)), *(0,) * 6])
-        width_px, height_px = 160 // shrink, 120 // shrink
-        self._camera = RayCamera(ImageSpec(width_px, height_px), len(rigs))
+        size = 160 // views.shrink, 120 // views.shrink
+        self._camera = RayCamera(ImageSpec(*size), len(rigs))
         for k, (rig, each) in enumerate(zip(rigs, tried, strict=True)):
             self._camera.set_robot(k, scenes[each[WIDTH]], rig)
         self._shade, self._camera_too = float(values[-1]), camera_too
         self._small = np.array([*_SMALL[: len(moves)], *_SMALL_POSE], np.float32)
-        pixels = np.stack(np.meshgrid(np.arange(width_px), np.arange(height_px)), axis=-1)
-        lens = rigs[0].lens.scaled(width_px, height_px)
-        found = CameraRig(lens, rigs[0].mount).to_floor(pixels.astype(float))
-        self._shrink, self._far = shrink, far(shrink)[..., None]
+        pixels = np.stack(np.meshgrid(*map(np.arange, size)), axis=-1).astype(float)
+        found = CameraRig(rigs[0].lens.scaled(*size), rigs[0].mount).to_floor(pixels)
+        self._shrink, self._far = views.shrink, far(views.shrink)[..., None]
         rounded = _unlit(self._far[None, ..., 0]).ravel()  # not all of it goes, at the edges
         self.shading = np.stack((np.ones_like(rounded), rounded), axis=1)
         self._near = np.nan_to_num(np.hypot(found[..., 0], found[..., 1]), nan=np.inf) < FAR_M
 
-    def look(self, pose: np.ndarray) -> tuple[np.ndarray, list[Cover]]:
-        """At a pose (3,): indices (N,) of known pixels, and what covers these in each plane."""
+    def look(self, pose: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """At a pose (3,): indices (N,) of known pixels; for each plane, (2 + G, N, 3) of cover.
+
+        First what a less sharp lens adds, then how much of each kind covers a pixel, then slopes.
+        """
         poses = np.tile(pose, (len(self._slots), 1))
         poses[-6:-3] += np.diag(_SMALL_POSE)
         poses[-3:] -= np.diag(_SMALL_POSE)
@@ -144,12 +126,9 @@ class Eye:
         each = np.concatenate((lit * shares[:1], lit * more[:-3], darker, lit * more[-3:]))
         bright = _blurred(_unlit(each), BLUR_PX)
         both = bright, _blurred(bright, YELLOW_PX / self._shrink)
-        return known, [self._cover(plane, known) for plane in both]
-
-    def _cover(self, plane: np.ndarray, known: np.ndarray) -> Cover:
-        softer = _blurred(plane[:1], SOFTER_PX / self._shrink) - plane[:1]
-        seen = np.concatenate((softer, plane)).reshape(len(plane) + 1, -1, 3)[:, known]
-        return Cover(seen[1], seen[0], seen[2:])
+        soft_px = SOFTER_PX / self._shrink
+        whole = [np.concatenate((_blurred(p[:1], soft_px) - p[:1], p)) for p in both]
+        return known, [each.reshape(len(each), -1, 3)[:, known] for each in whole]
 
 
 def _blurred(pictures: np.ndarray, blur_px: float) -> np.ndarray:
@@ -167,12 +146,12 @@ def explain(planes: np.ndarray, eye: Eye, pose: np.ndarray) -> tuple[np.ndarray,
     Normal equations of camera and pose, (G, G) and (G,); the share of variance that is explained.
     """
     known, covers = eye.look(pose)
-    matrix, vector = np.zeros((count := len(covers[0].slopes), count)), np.zeros(count)
+    matrix, vector = np.zeros((count := len(covers[0]) - 2, count)), np.zeros(count)
     if len(known) < 200:
         return matrix, vector, 0.0
-    left, whole = 0.0, 0.0
-    for plane, (cover, softer, slopes) in zip(planes[known].T, covers, strict=True):
-        terms = np.column_stack((eye.shading[known], softer, cover))
+    left = whole = 0.0
+    for plane, cover in zip(planes[known].T, covers, strict=True):
+        terms = np.column_stack((eye.shading[known], *cover[:2]))
         weights = np.ones(len(known))
         for _ in range(3):
             heavy = terms * weights[:, None]
@@ -181,7 +160,7 @@ def explain(planes: np.ndarray, eye: Eye, pose: np.ndarray) -> tuple[np.ndarray,
             missed = plane - terms @ found
             sigma = 1.4826 * np.median(np.abs(missed)) + 0.5
             weights = 1.0 / (1.0 + (missed / (2.5 * sigma)) ** 2)
-        slope = (slopes @ found[-3:]).T
+        slope = (cover[2:] @ found[-3:]).T
         slope -= terms @ (solver @ slope)
         heavy = slope * (weights / (sigma**2 * _ALIKE))[:, None]
         matrix += heavy.T @ slope
@@ -205,9 +184,9 @@ class Fitted(NamedTuple):
     rival: np.ndarray | None = None  # (9,) of another camera that explains them nearly as well
 
     @property
-    def width(self) -> float:
-        """Of the lines, a factor."""
-        return float(self.values[WIDTH])
+    def shade(self) -> float:
+        """How much darker the corners are, a share."""
+        return max(0.0, float(self.values[-1]))
 
 
 class Views(NamedTuple):
@@ -227,8 +206,10 @@ def views_of(
     images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap, shrink: int = 1
 ) -> Views:
     """Of pictures (120, 160, 3), so many times smaller: the planes are brightness and yellow."""
-    less = {"dsize": (160 // shrink, 120 // shrink), "interpolation": cv2.INTER_AREA}
-    small = np.stack([cv2.resize(each, **less) for each in images]).astype(np.float32)
+    size = 160 // shrink, 120 // shrink
+    small = np.array(
+        [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in images], np.float32
+    )
     red, green, blue = np.moveaxis(_blurred(_unlit(small), BLUR_PX), -1, 0)
     yellow = _blurred((red + green) / 2 - blue, YELLOW_PX / shrink)
     planes = np.stack(((red + green + blue) / 3, yellow), axis=-1)
@@ -272,24 +253,23 @@ def descend(views: Views, values: np.ndarray, steps: int, at: np.ndarray | None 
     belief, count, last = np.diag(1.0 / POSE_SPREAD**2), len(USUAL), None
     for step in range(steps):
         now, _, _ = settle(views, values, now, 1 if step else 3)
-        eye = Eye(views.road_map, values, True, views.shrink)
+        eye = Eye(views, values, True)
         found = [explain(*each) for each in zip(views.planes, [eye] * len(now), now, strict=True)]
         both, told, shares = (np.array(each) for each in zip(*found, strict=True))
         # Where poses go: alone, and for the camera's step.
         own = np.linalg.inv(both[:, count:, count:] + belief)
-        alone = own @ (told[:, count:] + (views.poses - now) @ belief)[..., None]
+        alone = (own @ (told[:, count:] + (views.poses - now) @ belief)[..., None])[..., 0]
         along, fair = -own @ both[:, count:, :count], shares >= 0.9 * np.median(shares)
         cross = both[fair, :count, count:]
         matrix = (both[fair, :count, :count] + cross @ along[fair]).sum(axis=0)
         matrix += np.diag(1.0 / SPREAD**2)
-        vector = (told[fair, :count] - (cross @ alone[fair])[..., 0]).sum(axis=0)
+        vector = (told[fair, :count] - (cross @ alone[fair, :, None])[..., 0]).sum(axis=0)
         vector += (USUAL - values) / SPREAD**2
         change = np.clip(np.linalg.solve(matrix, vector) / SPREAD, -1.0, 1.0)
         goal = values + SPREAD * change
         far_on, last = onward(goal, change, last, FARTHEST), (goal, change)
         before, values = values, np.clip(far_on, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
-        aims = alone + along @ (values - before)[:, None]
-        now = now + np.clip(aims[..., 0], -POSE_SPREAD, POSE_SPREAD)
+        now = now + np.clip(alone + along @ (values - before), -POSE_SPREAD, POSE_SPREAD)
     sd, share = np.sqrt(np.diag(np.linalg.inv(matrix))), float(np.median(shares))
     off, unusual = (now - views.poses) / POSE_SPREAD, (values - USUAL) / SPREAD
     moved = (off**2).sum() + (unusual**2).sum()
@@ -319,7 +299,7 @@ def settle(
     Also roots (F, 3, 3) of their information, and how much of each picture is explained. Going on
     by up to ``farthest`` steps is for a camera that is known: by another one it leads astray.
     """
-    eye, belief = Eye(views.road_map, values, False, views.shrink), np.diag(1.0 / POSE_SPREAD**2)
+    eye, belief = Eye(views, values, False), np.diag(1.0 / POSE_SPREAD**2)
     now, roots, shares = begin.copy(), np.zeros((len(begin), 3, 3)), np.zeros(len(begin))
     for k, planes in enumerate(views.planes):
         last = None

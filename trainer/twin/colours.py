@@ -23,7 +23,6 @@ class Colours(NamedTuple):
     """As the pictures have them."""
 
     rgb: dict[str, np.ndarray]  # (3,) of those of ``KINDS`` that were seen; above 255: burnt out
-    vignetting: float
     noise: float | None  # grey levels; None where the robot never stood
 
 
@@ -43,18 +42,19 @@ def seen_from(scene: Scene, values: np.ndarray, poses: np.ndarray) -> np.ndarray
     return np.concatenate([camera.render(pose[None]) for pose in poses])
 
 
-def fit_colours(images: np.ndarray, drawn: np.ndarray, still: Sequence[np.ndarray]) -> Colours:
-    """The colours of pictures (F, 120, 160, 3) whose cover is known, and the sensor's shade.
+def fit_colours(
+    images: np.ndarray, drawn: np.ndarray, shade: float, still: Sequence[np.ndarray]
+) -> Colours:
+    """The colours of pictures (F, 120, 160, 3) whose cover is known, by a lens's shade of corners.
 
     ``still``: pictures that followed each other while the robot stood.
     """
     masks = members(drawn)
     levels = {kind: images[mask].astype(float) for kind, mask in masks.items()}
     radii = {kind: np.broadcast_to(far(), mask.shape)[mask] for kind, mask in masks.items()}
-    shade = _vignetting(levels["asphalt"], radii["asphalt"])
     seen = [kind for kind in KINDS if len(levels[kind]) >= LEAST_PIXELS]
     rgb = {kind: _unshaded(levels[kind], 1.0 - shade * radii[kind][:, None]) for kind in seen}
-    return Colours(rgb, shade, _noise(still))
+    return Colours(rgb, _noise(still))
 
 
 def _unshaded(levels: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -62,19 +62,6 @@ def _unshaded(levels: np.ndarray, light: np.ndarray) -> np.ndarray:
     whole = levels / light
     burnt = np.median(levels, axis=0) >= _CLIPPED
     return np.where(burnt, np.quantile(whole, _BURNT, axis=0), np.median(whole, axis=0))
-
-
-def _vignetting(levels: np.ndarray, radii: np.ndarray) -> float:
-    """By the medians of rings, of pixels that are not too bright."""
-    fair = (levels < _CLIPPED).all(axis=1)
-    rings = np.digitize(radii[fair], np.linspace(0.0, 1.0, 9))
-    bright = levels[fair].mean(axis=1)
-    known = [r for r in range(1, 9) if (rings == r).sum() > LEAST_PIXELS]
-    if len(known) < 4:
-        return 0.0
-    at = np.array([radii[fair][rings == r].mean() for r in known])
-    slope, middle = np.polyfit(at, np.array([np.median(bright[rings == r]) for r in known]), 1)
-    return float(np.clip(-slope / max(middle, 1.0), 0.0, 0.6))
 
 
 def _noise(still: Sequence[np.ndarray]) -> float | None:

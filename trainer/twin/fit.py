@@ -157,9 +157,10 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
             sd = np.maximum(camera.sd, 0.5 * np.abs(camera.rival - camera.values))
             camera = camera._replace(sd=sd)
         found |= _camera_of(camera, motion)
-        scene = seen.cover_scene(drives[0].road_map, camera.width)
+        scene = seen.cover_scene(drives[0].road_map, float(camera.values[seen.WIDTH]))
         cover = seen_from(scene, camera.values, camera.poses)
-        found |= colours_told(fit_colours(images[chosen], cover, _still(drives[0])), camera, unseen)
+        colours = fit_colours(images[chosen], cover, camera.shade, _still(drives[0]))
+        found |= colours_told(colours, camera, unseen)
     else:
         told = dict(enumerate(above))
         unseen.append(
@@ -242,8 +243,8 @@ def colours_told(colours: Colours, camera: seen.Fitted, unseen: list[str]) -> Fo
         else:
             unseen.append(f"colour of {kind}: too little of it in the pictures")
     unseen.append("white balance and exposure are in the colours, but for what burns out")
-    found["ground.line_width_scale"] = camera.width, 0.08
-    found["sensor.vignetting"] = colours.vignetting, 0.03
+    found["ground.line_width_scale"] = float(camera.values[seen.WIDTH]), 0.08
+    found["sensor.vignetting"] = camera.shade, 0.05
     if colours.noise is None:
         unseen.append("noise: the robot never stood still")
     else:
