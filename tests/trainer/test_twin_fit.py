@@ -31,7 +31,16 @@ from sim_pybullet.sensing.sensor import apply_sensor
 from tests import thorough
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin import camera, fit
-from trainer.twin.camera import USUAL, Fitted, descend, far, rival_of, settle, views_of
+from trainer.twin.camera import (
+    USUAL,
+    Fitted,
+    cover_scene,
+    descend,
+    far,
+    rival_of,
+    settle,
+    views_of,
+)
 from trainer.twin.colours import fit_colours, members, seen_from
 from trainer.twin.fit import (
     EYE_PIECE_S,
@@ -350,6 +359,42 @@ def test_pitch_is_told_from_the_lens_and_the_width_of_lines_by_steps_along_their
     assert found[0] == pytest.approx(true[0], abs=0.002)
     assert found[1] == pytest.approx(true[1], abs=0.025)  # 0.04 by plain steps
     assert found[7] == pytest.approx(true[7], abs=0.06)
+
+
+def test_cover_grows_with_the_width_of_lines_by_less_than_a_texel() -> None:
+    """Painted in whole texels it stays, or jumps, and the width never settles."""
+    road_map = load_map("rings/claw")
+    rgbs = [cover_scene(road_map, width).ground.rgb for width in (1.0, 1.01, 1.02, 1.03)]
+    white = np.array([rgb[..., 0].sum(dtype=float) for rgb in rgbs])
+    grown = np.diff(white) / white[0]
+    assert grown == pytest.approx(0.01, rel=0.1)
+
+
+def test_light_that_is_large_does_not_tilt_the_camera() -> None:
+    """A lamp's spot on a bright floor, shadows and patches: 0.3 degrees where these counted."""
+    road_map = load_map("rings/claw")
+    starts = [lane.control_points_m for lane in road_map.lanes[::2]][:24]
+    poses = np.array([(*a, math.atan2(*(b - a)[::-1])) for a, b, *_ in starts])
+    paint = GroundLook(
+        asphalt_rgb=(140.0, 130.0, 130.0),
+        white_rgb=(190.0, 190.0, 190.0),
+        yellow_rgb=(215.0, 115.0, 55.0),
+        outside_rgb=(90.0, 100.0, 190.0),
+        patchiness=0.8,
+        shadows=0.6,
+        wear=0.2,
+    )
+    scene = Scene(paint_ground(road_map, paint), (), NOMINAL.sky, NOMINAL.light)
+    rows, columns = np.mgrid[:120, :160]
+    spots = [
+        120.0 * np.exp(-((rows - 75) ** 2 + (columns - x) ** 2) / 500.0)
+        for x in np.linspace(20, 140, len(poses))
+    ]
+    lit = seen_from(scene, USUAL, poses) + np.array(spots)[..., None]
+    images = lit.clip(0.0, 255.0).astype(np.uint8)
+    found = descend(views_of(list(images), poses, road_map), USUAL, 6, poses).values
+    assert abs(found[1] - USUAL[1]) < math.radians(0.12)
+    assert found[0] == pytest.approx(USUAL[0], abs=4e-4)
 
 
 def test_shaded_corners_do_not_tilt_the_camera() -> None:
