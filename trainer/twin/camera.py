@@ -195,7 +195,7 @@ class Views(NamedTuple):
     planes: np.ndarray  # (F, pixels, 2)
     poses: np.ndarray
     road_map: RoadMap
-    shrink: int
+    shrink: int  # so many times smaller than (120, 160)
 
     def some(self, chosen: np.ndarray) -> Self:
         """Those of these numbers."""
