@@ -213,15 +213,9 @@ def quantise(path: Path, calibration: dict[str, np.ndarray], out: Path) -> None:
         nodes = onnx.load(file).graph.node
         flat = {name for node in nodes if node.op_type == "Flatten" for name in node.output}
         heavy = [n.name for n in nodes if n.op_type == "Conv" or flat.intersection(n.input)]
-        quantize_static(
-            file,
-            file,
-            _Batches(calibration),
-            per_channel=True,
-            activation_type=QuantType.QUInt8,
-            weight_type=QuantType.QInt8,
-            nodes_to_quantize=heavy,
-        )
+        types = {"activation_type": QuantType.QUInt8, "weight_type": QuantType.QInt8}
+        how = {"per_channel": True, "nodes_to_quantize": heavy, **types}
+        quantize_static(file, file, _Batches(calibration), **how)
         model = onnx.load(file)
         model.ir_version = IR_VERSION
         onnx.save(model, file)

@@ -13,7 +13,9 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from threading import Thread
@@ -60,18 +62,7 @@ class LocalProcesses:
 
     def start(self, do: Callable[..., object], *orders: Any) -> BaseProcess:
         """One more, that does so and exits with what it returns; or is ended with this process."""
-        from torch import multiprocessing
-
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["trainer.training.crew", "trainer.judging.challenge"])
-        before = dict(os.environ)
-        os.environ.update(ONE_THREAD)  # this process keeps what it has
-        try:
-            forkserver.ensure_running()
-        finally:
-            os.environ.clear()
-            os.environ.update(before)
-        process: BaseProcess = context.Process(target=_do, args=(do, *orders))
+        process: BaseProcess = _server().Process(target=_do, args=(do, *orders))
         process.start()
         self._started.append(process)
         return process
@@ -93,6 +84,34 @@ class LocalProcesses:
             process.kill()
             process.join()
         self._started = []
+
+
+def _server() -> Any:
+    from torch import multiprocessing
+
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["trainer.training.crew", "trainer.judging.challenge"])
+    before = dict(os.environ)
+    os.environ.update(ONE_THREAD)  # this process keeps what it has
+    try:
+        forkserver.ensure_running()
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+    return context
+
+
+@contextmanager
+def pool() -> Iterator[Callable[..., Iterator[Any]]]:
+    """As ``map``, but on all cores. DuckpilotError: one of the processes was killed."""
+    cores = len(os.sched_getaffinity(0))
+    workers = ProcessPoolExecutor(cores, _server(), _alone)
+    try:
+        yield workers.map
+    except BrokenProcessPool as error:
+        raise DuckpilotError("expected processes to end in order, got one killed") from error
+    finally:
+        workers.shutdown(cancel_futures=True)
 
 
 class RayProcesses:
@@ -217,6 +236,11 @@ def connect(address: str) -> Any:
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     ray.init(address, ignore_reinit_error=True, runtime_env={"env_vars": ONE_THREAD}, **quiet)
     return ray
+
+
+def _alone() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the affair of who asked
+    Thread(target=_stop_with_parent, daemon=True).start()
 
 
 def _do(do: Callable[..., object], *orders: Any) -> None:

@@ -43,16 +43,11 @@ def paint_track(track: Track, look: Look) -> Ground:
     spacing_m = line.path.length_m / len(line.curvature)
     noise = surface_noise(ground.texture_seed)
     height, width = (math.ceil(side * texel_m / _PATCH_M) + 1 for side in offset_m.shape)
-    rgb, classes = lay(
-        offset_m,
-        arc_m,
-        bends,
-        np.array((*grounds, *paints), np.float32),
-        np.array((*sizes_m, spacing_m, texel_m)),
-        noise.grain * np.float32(ground.grain),
-        paint_left(noise, ground),
-        soft_light((height, width), offset_m.shape, ground),
-    )
+    colours = np.array((*grounds, *paints), np.float32)
+    sizes, grain = np.array((*sizes_m, spacing_m, texel_m)), noise.grain * np.float32(ground.grain)
+    light = soft_light((height, width), offset_m.shape, ground)
+    left = paint_left(noise, ground)
+    rgb, classes = lay(offset_m, arc_m, bends, colours, sizes, grain, left, light)
     north_m = classes.shape[0] * texel_m
     return Ground(rgb, classes, texel_m, 0.0, north_m, ground.beyond_rgb)
 
@@ -101,19 +96,13 @@ def _wall(line: CentreLine, ends: np.ndarray, side: float, look: Look) -> list[S
     headings = along_rad[:-1]
     forward = along[:, 0] * np.cos(headings) + along[:, 1] * np.sin(headings)
     kept = (nearest > away_m - _CLEAR_M * SCALE) & (forward > 0.0)
-    colours = (look.track.wall_rgb, look.track.wall_2_rgb)
-    return [
-        Solid(
-            "box",
-            float(middles[k, 0]),
-            float(middles[k, 1]),
-            math.atan2(along[k, 1], along[k, 0]),
-            (math.hypot(*along[k]), THICK_M * SCALE, look.track.wall_height_m * SCALE),
-            colours[k % 2],
-            SemanticClass.WALL,
-        )
-        for k in np.flatnonzero(kept).tolist()
-    ]
+    colours, thick_m = (look.track.wall_rgb, look.track.wall_2_rgb), THICK_M * SCALE
+    walls = []
+    for k in np.flatnonzero(kept).tolist():
+        size_m = math.hypot(*along[k]), thick_m, look.track.wall_height_m * SCALE
+        (x_m, y_m), turned = middles[k].tolist(), math.atan2(along[k, 1], along[k, 0])
+        walls.append(Solid("box", x_m, y_m, turned, size_m, colours[k % 2], SemanticClass.WALL))
+    return walls
 
 
 BLOCK = 32  # texels on a side that search together

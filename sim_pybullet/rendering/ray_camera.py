@@ -7,19 +7,9 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
+from sim_pybullet.rendering import rays
 from sim_pybullet.rendering.floor_kernel import FloorViews, draw_floor, label_floor
 from sim_pybullet.rendering.mip_texture import mip_texture
-from sim_pybullet.rendering.rays import (
-    AZIMUTHS,
-    ELEVATIONS,
-    LEVELS,
-    FloorTable,
-    background,
-    direction_table,
-    floor_shade,
-    floor_table,
-    pixel_rays,
-)
 from sim_pybullet.rendering.solid_geometry import light_row, place_movers, solid_rows
 from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
 from sim_pybullet.scene import Mover, Scene
@@ -33,20 +23,20 @@ class RigTables:
     def __init__(self, n_robots: int, image: ImageSpec) -> None:
         height, width, _ = image.shape
         self._image = image
-        self.stored: list[FloorTable | None] = [None] * n_robots  # what each slot holds
+        self.stored: list[rays.FloorTable | None] = [None] * n_robots  # what each slot holds
         self.slots = np.zeros(n_robots, np.int64)
-        self.floor = FloorTable(  # of all slots
+        self.floor = rays.FloorTable(  # of all slots
             np.zeros((n_robots, 4, height * width), np.float32),
             np.zeros((n_robots, 4 * height, 4), np.int32),
             np.zeros((n_robots, height + 1), np.int32),
         )
         self.directions = np.zeros((n_robots, 3, height, width), np.float32)
-        self.cells = np.zeros((n_robots, AZIMUTHS, ELEVATIONS, 4), np.int16)
+        self.cells = np.zeros((n_robots, rays.AZIMUTHS, rays.ELEVATIONS, 4), np.int16)
         self.pixel_rad = np.zeros(n_robots)
 
     def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
         """Let robot ``i`` see through this rig, over a floor of this texel size."""
-        floor = floor_table(rig, self._image, texel_m)
+        floor = rays.floor_table(rig, self._image, texel_m)
         for slot, stored in enumerate(self.stored):
             if stored is floor:
                 self.slots[i] = slot
@@ -56,8 +46,8 @@ class RigTables:
         self.floor = self.floor._replace(runs=_with_room(self.floor.runs, len(floor.runs)))
         self.floor.points[slot], self.floor.first_run[slot] = floor.points, floor.first_run
         self.floor.runs[slot, : len(floor.runs)] = floor.runs
-        self.directions[slot] = np.moveaxis(pixel_rays(rig, self._image).directions, -1, 0)
-        self.cells[slot], self.pixel_rad[slot] = direction_table(rig, self._image)
+        self.directions[slot] = np.moveaxis(rays.pixel_rays(rig, self._image).directions, -1, 0)
+        self.cells[slot], self.pixel_rad[slot] = rays.direction_table(rig, self._image)
 
 
 def _with_room(array: np.ndarray, length: int) -> np.ndarray:
@@ -83,7 +73,7 @@ class RayCamera:
         self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
         self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
         self._addresses = np.zeros(n_robots, np.int64)
-        self._levels = np.zeros((n_robots, LEVELS, 3), np.int32)
+        self._levels = np.zeros((n_robots, rays.LEVELS, 3), np.int32)
         self._origins = np.zeros((n_robots, 3))  # west [m], north [m], texel [m]
         self._eyes = np.zeros((n_robots, 3))
         self._lights = np.zeros((n_robots, 5))
@@ -97,14 +87,14 @@ class RayCamera:
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Give robot ``i`` its world and its camera."""
         ground, light = scene.ground, scene.light
-        texels, self._levels[i] = mip_texture(ground, floor_shade(light))
+        texels, self._levels[i] = mip_texture(ground, rays.floor_shade(light))
         self._scenes[i] = scene
         if scene not in _ROWS:
             _ROWS[scene] = solid_rows(scene.solids)
         rows = _ROWS[scene]
         self._rows = _with_room(self._rows, len(rows) + len(self._parts))
         self._rows[i, : len(rows)], self._counts[i] = rows, len(rows)
-        self._skies[i], self._sky_kinds[i] = background(rig, self._image, scene)
+        self._skies[i], self._sky_kinds[i] = rays.background(rig, self._image, scene)
         self._addresses[i] = texels.ctypes.data
         self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
         self._eyes[i] = rig.mount.position_m
@@ -177,18 +167,9 @@ class RayCamera:
         rows, last = self._rows.reshape(-1, 13), first + self._counts[robots]
         if movers is not None:
             place_movers(rows, last, self._parts, self._owners, movers)
-        return SolidViews(
-            poses,
-            self._eyes[robots],
-            self._lights[robots],
-            rows,
-            first,
-            last,
-            tables.slots[robots],
-            tables.directions,
-            tables.cells,
-            tables.pixel_rad,
-        )
+        eyes, lights, slots = (a[robots] for a in (self._eyes, self._lights, tables.slots))
+        where = tables.directions, tables.cells, tables.pixel_rad
+        return SolidViews(poses, eyes, lights, rows, first, last, slots, *where)
 
 
 class NoCamera:

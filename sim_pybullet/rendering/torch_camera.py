@@ -280,16 +280,10 @@ def meet_cylinders(
 ) -> Met:
     """`solid_geometry.meet_cylinder` likewise, under lights (M, 5) in the robots' axes."""
     row, light = rows.T, lights.T
-    x, y, outside, base, top, light_x, light_y, ambient, diffuse = pixels.of(
-        row[X],
-        row[Y],
-        row[X] ** 2 + row[Y] ** 2 - row[HALF_LENGTH] ** 2,
-        row[BASE],
-        row[TOP],
-        light[0] / row[HALF_LENGTH],
-        light[1] / row[HALF_LENGTH],
-        *light[3:],
-    )
+    radius, away = row[HALF_LENGTH], row[X] ** 2 + row[Y] ** 2
+    place = row[X], row[Y], away - radius**2, row[BASE], row[TOP]
+    lit = light[0] / radius, light[1] / radius, *light[3:]
+    x, y, outside, base, top, light_x, light_y, ambient, diffuse = pixels.of(*place, *lit)
     per_level = 1.0 / (pixels.x**2 + pixels.y**2).clamp(min=1e-12)
     middle = (x * pixels.x + y * pixels.y) * per_level
     root = middle**2 - outside * per_level

@@ -4,18 +4,11 @@ import numpy as np
 import torch
 
 from sim_pybullet.look import SensorLook
-from sim_pybullet.sensing.sensor import (
-    LAMP,
-    LOG_BARELY,
-    Mirror,
-    Sensors,
-    lamp_in_floor,
-    smear_weights,
-)
+from sim_pybullet.sensing import sensor
 from sim_pybullet.sensing.torch_jpeg import compressed
 
 
-class TorchSensors(Sensors):
+class TorchSensors(sensor.Sensors):
     """As `Sensors`, all robots at once: the same pictures but for rounding, and the same noise."""
 
     def __init__(
@@ -32,7 +25,7 @@ class TorchSensors(Sensors):
         """Black pictures of this shape, uint8, on the device."""
         return torch.zeros(shape, dtype=torch.uint8, device=self._device)
 
-    def put(self, i: int, look: SensorLook, mirror: Mirror | None = None) -> None:
+    def put(self, i: int, look: SensorLook, mirror: sensor.Mirror | None = None) -> None:
         """Robot ``i`` has this sensor, over this floor if it mirrors the light."""
         super().put(i, look, mirror)
         if mirror is not None:
@@ -49,7 +42,7 @@ class TorchSensors(Sensors):
         """As of `Sensors`; frames (M, H, W, 3) uint8 on the device are left as they are."""
         looks = [self._looks[i] for i in robots.tolist()]
         light = self._glossed(frames.float(), robots, headings_rad)
-        smears = [smear_weights(length) for length in self._smears_px(robots, turns_radps)]
+        smears = [sensor.smear_weights(length) for length in self._smears_px(robots, turns_radps)]
         light = self._averaged(light, smears, axis=2).round()
         blurs = [self._kernels[i] for i in robots]
         light = self._averaged(self._averaged(light, blurs, axis=1), blurs, axis=2)
@@ -81,13 +74,13 @@ class TorchSensors(Sensors):
             mirror = self._mirrors[i]
             if mirror is not None:
                 shine = mirror.light
-                lamps[k, :3] = lamp_in_floor(shine, heading_rad)
-                lamps[k, 3:] = shine.gloss_width_rad**2, shine.gloss * LAMP
+                lamps[k, :3] = sensor.lamp_in_floor(shine, heading_rad)
+                lamps[k, 3:] = shine.gloss_width_rad**2, shine.gloss * sensor.LAMP
         told = self._sent(lamps)[:, None, None]
         lamp, variance, bright = told[..., :3], told[..., 3], told[..., 4]
         rays = self._mirrored[robots]
         cosine = (rays * lamp).sum(-1)
-        seen = (cosine > 1.0 + variance * LOG_BARELY) & (rays[..., 2] < 0.0)
+        seen = (cosine > 1.0 + variance * sensor.LOG_BARELY) & (rays[..., 2] < 0.0)
         spot = seen * bright * ((cosine.clamp(max=1.0) - 1.0) / variance).exp()
         return (light + spot[..., None] + 0.5).clamp(max=255.0).floor()
 

@@ -1,34 +1,39 @@
 """``python -m tests.trainer.judge_twin``: how near a fit comes to virtual robots that are known.
 
 Robots are drawn from looks wider than ``randomised``, driven in the batched world under the arena's
-pose errors, recorded, and fitted.
+pose errors, recorded, and fitted. With ``--processes`` the loop bench drives them by hand: robot,
+localizer and monitor are processes, and the robot records as a real one does.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import subprocess
 import sys
 import tempfile
 from dataclasses import asdict, dataclass
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 
 from robot.command_line import OneLineParser, number, whole
-from robot.output import write_json
+from robot.errors import ConfigError
+from robot.output import write_json, write_yaml
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
-from trainer.twin.camera import PX_PER_RAD, WIDTH, cover_scene
+from trainer.twin.camera import PX_PER_RAD
 from trainer.twin.colours import members, seen_from
+from trainer.twin.eye import WIDTH, cover_scene
 from trainer.twin.fit import Twin, fit_twin, twin_pictures, write_twin_page
 from trainer.twin.motion import NAMES, at_times, reckoned
-from trainer.twin.recorded import Recorded, read_drive
+from trainer.twin.recorded import Recorded, read_drive, read_drives
 
 MAP = "rings/claw"
-REPLAY_S = 10.0
+REPLAY_S, MISSION_S = 10.0, 30.0
 LEAST_PIXELS = 100
 AIMS = {
     **{"camera_delay_ms": 20.0, "delays_ms": 20.0, "gain": 0.02, "trim": 0.005},
@@ -117,15 +122,30 @@ def _levels(twin: Twin, drive: Recorded) -> float:
     return worst
 
 
+def recorded(options: argparse.Namespace, look: Look, k: int, folder: Path) -> list[Recorded]:
+    """About as many seconds of driving as are asked for, of the robot of this number."""
+    folder.mkdir()
+    seed, path = options.seed + k, folder / "drive.mcap"
+    if not options.processes:
+        return [read_drive(record_drive(look, MAP, options.seconds, seed, path))]
+    write_yaml(file := folder / "look.yaml", look)
+    call = [sys.executable, "-m", "tools.loop", "--map", MAP, "--look", str(file)]
+    call += ["--driver", "expert", "--record", str(folder), "--seed", str(seed)]
+    call += ["--missions", str(round(options.seconds / MISSION_S)), "--json", f"{folder}.json"]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 1):  # 1: not all arrived
+        raise ConfigError(f"the loop bench ended with status {done.returncode}: {done.stderr}")
+    return read_drives(sorted(folder.glob("*.mcap")), print)
+
+
 def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
     """Fit as many robots as are asked for."""
     found = []
     for k in range(options.first, options.first + options.robots):
         look = load_look_sampler(options.look)(np.random.default_rng((options.seed, k)))
-        path = record_drive(look, MAP, options.seconds, options.seed + k, folder / f"{k}.mcap")
-        drive = read_drive(path)
-        path.unlink()
-        twin = fit_twin([drive])
+        drives = recorded(options, look, k, folder / str(k))
+        twin = fit_twin(drives)
+        drive = max(drives, key=attrgetter("seconds"))
         found.append(errors_of(twin, look, drive))
         told = ", ".join(f"{name} {value:.3g}" for name, value in asdict(found[-1]).items())
         print(f"{k}: {told}", flush=True)
@@ -143,6 +163,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=number(20, 600), default=90.0, help="of each drive")
     parser.add_argument("--look", default="wide/day", help="to draw robots from")
     parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=0)
+    parser.add_argument("--processes", action="store_true", help="recorded by the loop bench")
     parser.add_argument("--json", type=Path, help="write the figures, and pages beside them")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

@@ -17,23 +17,13 @@ import numpy as np
 
 from robot.contract import Stick
 from robot.errors import ConfigError
-from robot.recording import topics
+from robot.recording import reader, topics
 from robot.recording.drive_file import SUFFIX, DriveFile, picture
-from robot.recording.reader import (
-    DRIVERS,
-    KINDS,
-    Sample,
-    read_about,
-    read_pieces,
-    read_samples,
-    runs,
-    take_overs,
-)
 from robot.recording.topics import Driven, Turn
 from trainer.experiments.records import tub_records
 from trainer.run import appearing
 
-STATES = {driver: state for state, driver in DRIVERS.items()}
+STATES = {driver: state for state, driver in reader.DRIVERS.items()}
 FLUSH_EVERY = 100  # turns
 
 
@@ -45,16 +35,16 @@ def drives_in(places: Sequence[Path]) -> list[Path]:
 
 def tell(path: Path) -> dict[str, Any]:
     """What there is to know of a recording; ``driven`` without gaps [s]."""
-    samples = list(read_samples(path))
+    samples = list(reader.read_samples(path))
     by = [sample.driver for sample in samples]
-    kinds = [piece.kind for piece in read_pieces(path)]
+    kinds = [piece.kind for piece in reader.read_pieces(path)]
     return {
         "drive": path.stem,
-        "robot": read_about(path).get("robot", ""),
-        "driven": sum(run[-1].time_s - run[0].time_s for run in runs(samples)),
+        "robot": reader.read_about(path).get("robot", ""),
+        "driven": sum(run[-1].time_s - run[0].time_s for run in reader.runs(samples)),
         **{driver: by.count(driver) for driver in ("policy", "person")},  # turns
-        "take-overs": take_overs(samples),
-        **{kind: kinds.count(kind) for kind in KINDS},  # pieces
+        "take-overs": reader.take_overs(samples),
+        **{kind: kinds.count(kind) for kind in reader.KINDS},  # pieces
     }
 
 
@@ -83,7 +73,7 @@ def plot(drives: Sequence[Path], out: Path) -> None:
     figure = Figure(figsize=(10.0, 2.2 * len(drives) + 0.5), layout="constrained")
     rows = figure.subplots(len(drives), 1, squeeze=False)[:, 0]
     for axes, path in zip(rows, drives, strict=True):
-        samples = list(read_samples(path))
+        samples = list(reader.read_samples(path))
         began_s = samples[0].time_s if samples else 0.0
         times = np.array([sample.time_s - began_s for sample in samples])
         sticks = np.array([Stick.of(sample.wheels) for sample in samples]).reshape(-1, 2)
@@ -92,7 +82,7 @@ def plot(drives: Sequence[Path], out: Path) -> None:
             for column, style in ((0, "-"), (1, ":")):
                 shown = np.where(other, np.nan, sticks[:, column])
                 axes.plot(times, shown, style, color=colour, linewidth=1.2)
-        for piece in read_pieces(path):
+        for piece in reader.read_pieces(path):
             tint = "#3fb672" if piece.kind == "good" else "#d64545"
             axes.axvspan(piece.from_s - began_s, piece.to_s - began_s, color=tint, alpha=0.2)
         axes.set(title=path.stem, ylim=(-1.3, 1.3), ylabel="left 1, speed 1")
@@ -100,7 +90,7 @@ def plot(drives: Sequence[Path], out: Path) -> None:
     figure.savefig(str(out))
 
 
-def write_drive(folder: Path, name: str, robot: str, samples: Iterable[Sample]) -> Path:
+def write_drive(folder: Path, name: str, robot: str, samples: Iterable[reader.Sample]) -> Path:
     """A recording of what another program recorded; ConfigError for a drive without a turn."""
     samples = iter(samples)
     first = next(samples, None)
@@ -121,7 +111,7 @@ def write_drive(folder: Path, name: str, robot: str, samples: Iterable[Sample]) 
     return file.path
 
 
-def _turn(number: int, first: Sample, before: Sample, now: Sample) -> Turn:
+def _turn(number: int, first: reader.Sample, before: reader.Sample, now: reader.Sample) -> Turn:
     time_s = now.time_s - first.time_s
     driven = Driven(now.wheels, before.wheels, now.time_s - before.time_s)
     told = (STATES[now.driver], "person", "recorded by another program", now.wheels)
@@ -152,7 +142,7 @@ def to_tub(drives: Sequence[Path], tub: Path) -> int:
         sessions = []
         for number, path in enumerate(drives):
             first = len(records)
-            for sample in read_samples(path):
+            for sample in reader.read_samples(path):
                 records.append(_record(folder, len(records), f"{path.stem}_{number}", sample))
             if len(records) == first:
                 raise ConfigError(f"{path}: expected a drive with pictures, got none")
@@ -184,7 +174,7 @@ def from_tub(tub: Path, out: Path) -> list[Path]:
     return [out / name for name in names]
 
 
-def _record(folder: Path, index: int, session: str, sample: Sample) -> dict[str, Any]:
+def _record(folder: Path, index: int, session: str, sample: reader.Sample) -> dict[str, Any]:
     steer, speed = Stick.of(sample.wheels)
     name = f"{index}_cam_image_array_.jpg"
     (folder / "images" / name).write_bytes(_jpeg(sample.picture))
@@ -239,11 +229,11 @@ def _drives(records: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
     return [records[a:b] for a, b in pairwise([*begins, len(records)])]
 
 
-def _sample(tub: Path, record: dict[str, Any]) -> Sample:
+def _sample(tub: Path, record: dict[str, Any]) -> reader.Sample:
     try:
         driver = "person" if record.get("user/mode", USER) == USER else "policy"
         who = "pilot" if driver == "policy" and "pilot/angle" in record else "user"
         stick = Stick(-float(record[f"{who}/angle"]), float(record[f"{who}/throttle"]))
-        return Sample(record["time_s"], record["picture"].read_bytes(), stick.wheels, driver)
+        return reader.Sample(record["time_s"], record["picture"].read_bytes(), stick.wheels, driver)
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise ConfigError(f"{tub}: record {record.get('_index')}: {error}") from error

@@ -199,18 +199,11 @@ def moment(bench: Bench) -> Moment:
     encoded = np.frombuffer(operator.picture, np.uint8)
     seen = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR))[..., ::-1]
     robot, mission = operator.robot, operator.mission
-    believed = robot.get("pose")
-    return Moment(
-        seen,
-        bench.town.pose,
-        Pose(*believed) if believed else None,
-        operator.state,
-        operator.reason,
-        robot.get("path") or (),
-        robot.get("values") or (),
-        robot.get("action"),
-        f"{mission['remaining_m']:.1f} m to drive" if mission else "",
-    )
+    believed = Pose(*robot["pose"]) if robot.get("pose") else None
+    note = f"{mission['remaining_m']:.1f} m to drive" if mission else ""
+    path, values = (robot.get(name) or () for name in ("path", "values"))
+    how = operator.state, operator.reason, path, values, robot.get("action"), note
+    return Moment(seen, bench.town.pose, believed, *how)
 
 
 def _drive_at(

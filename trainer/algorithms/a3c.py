@@ -189,16 +189,10 @@ def build(making: Making) -> A3C:
 
     shared = {"decay": learn.rms_decay, "epsilon": learn.rms_epsilon, "workers": learn.workers}
     optimiser = {"optimizer_class": SharedRmsprop, "optimizer_kwargs": shared}
-    model = on_policy(
-        A3C,
-        replace(making, config=config),
-        learning_rate=rate,
-        policy_kwargs=policy_arguments(config) | optimiser,
-        n_steps=learn.a3c_rollout,
-        gae_lambda=1.0,
-        normalize_advantage=learn.normalised,
-        use_rms_prop=False,
-    )
+    own = {"learning_rate": rate, "policy_kwargs": policy_arguments(config) | optimiser}
+    own |= {"n_steps": learn.a3c_rollout, "gae_lambda": 1.0, "use_rms_prop": False}
+    own["normalize_advantage"] = learn.normalised
+    model = on_policy(A3C, replace(making, config=config), **own)
     model.making, model.optimiser = making, cast(SharedRmsprop, model.policy.optimizer)
     return model
 

@@ -19,18 +19,8 @@ from torch.nn import functional
 
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess_batch
+from trainer.experiments import records
 from trainer.experiments.cli import Table1Options
-from trainer.experiments.records import (
-    STACK,
-    Drive,
-    See,
-    Stacks,
-    Turn,
-    frames_of,
-    load_drive,
-    named_policies,
-    split_by_time,
-)
 from trainer.judging.intervals import bootstrap
 from trainer.learners.networks import DrivingFeatures
 from trainer.presets import preset
@@ -42,7 +32,7 @@ from trainer.transfer.networks import through
 BATCH = 32
 LEARNING_RATE = 1e-3
 WEIGHT_DECAY = 1e-3
-MIRRORED = np.array([Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT])
+MIRRORED = np.array([records.Turn.RIGHT, records.Turn.STRAIGHT, records.Turn.LEFT])
 _AT_ONCE = 256
 
 
@@ -53,17 +43,17 @@ def turn_network(height: int, width: int) -> nn.Sequential:
     """
     net = preset("track", "ppo", "fast").net
     return nn.Sequential(
-        DrivingFeatures(spaces.Box(0, 255, (height, width, 3 * STACK), np.uint8), net),
+        DrivingFeatures(spaces.Box(0, 255, (height, width, 3 * records.STACK), np.uint8), net),
         nn.Dropout(),
         nn.Linear(net.image_fc, net.head_fc),
         nn.ReLU(),
         nn.Dropout(),
-        nn.Linear(net.head_fc, len(Turn)),
+        nn.Linear(net.head_fc, len(records.Turn)),
     )
 
 
 def teach_turns(
-    training: Stacks, steps: int, seed: int, checkpoint: Path, console: Console
+    training: records.Stacks, steps: int, seed: int, checkpoint: Path, console: Console
 ) -> nn.Module:
     """Train on what the person did, from where ``checkpoint`` left off.
 
@@ -122,17 +112,17 @@ def foretell(out: Path, options: Table1Options, console: Console) -> Table:
     DuckpilotError if the drive cannot be read, or is none to learn or to test on, or a policy is
     none to ask; then nothing is written.
     """
-    policies, drive = named_policies(options.policy), load_drive(options.data)
+    policies, drive = records.named_policies(options.policy), records.load_drive(options.data)
     if drive.skipped:
         console.print(f"{options.data}: skipped {drive.skipped} broken records", markup=False)
     every = max(1, round(DECISION_S * options.rate_hz))
-    halves = partial(split_by_time, drive, frames_of(drive), every)
+    halves = partial(records.split_by_time, drive, records.frames_of(drive), every)
     usual = partial(preprocess_batch, spec=preset("track", "ppo", "fast").image)
     training, test = halves(usual)
     for part, name in ((training, "first 60 %"), (test, "rest")):
         _refuse_one_turn(part, name, drive)
     rows = chance(test.turns, int(np.bincount(training.turns).argmax()))
-    kinds: dict[str, tuple[str, See]] = {"": ("supervised", usual)}  # by translator
+    kinds: dict[str, tuple[str, records.See]] = {"": ("supervised", usual)}  # by translator
     for name, seed, policy in policies:
         seen = halves(policy.see)[1]
         rows.append(compare(name, seed, seen.turns, policy.turns(seen.stacked())))
@@ -146,15 +136,15 @@ def foretell(out: Path, options: Table1Options, console: Console) -> Table:
             network = teach_turns(part, options.steps, seed, kept, console)
             logits = through(network, rest.stacked(), size=_AT_ONCE)
             rows.append(compare(kind, seed, rest.turns, logits.argmax(1)))
-    counts = [np.bincount(part.turns, minlength=len(Turn)) for part in (training, test)]
+    counts = [np.bincount(part.turns, minlength=len(records.Turn)) for part in (training, test)]
     shares = [(count / count.sum()).tolist() for count in counts]
     return Table(
         str(options.data), len(training.last), len(test.last), shares[0], shares[1], tuple(rows)
     )
 
 
-def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
-    done = {Turn(turn).name.lower() for turn in part.turns.tolist()}
+def _refuse_one_turn(part: records.Stacks, name: str, drive: records.Drive) -> None:
+    done = {records.Turn(turn).name.lower() for turn in part.turns.tolist()}
     if len(done) < 2:
         raise ConfigError(
             f"drive: expected turns of two kinds at least in its {name}, got only {done.pop()}; "
@@ -176,10 +166,10 @@ def chance(wanted: np.ndarray, common: int) -> list[Accuracy]:
 
     ``wanted`` are (N,) values of `Turn` of the test.
     """
-    drawn = np.random.default_rng(0).integers(len(Turn), size=len(wanted))
-    often = int(np.bincount(wanted, minlength=len(Turn)).argmax())
+    drawn = np.random.default_rng(0).integers(len(records.Turn), size=len(wanted))
+    often = int(np.bincount(wanted, minlength=len(records.Turn)).argmax())
     always = [
-        compare(f"always {Turn(turn).name.lower()}", 0, wanted, np.full(len(wanted), turn))
+        compare(f"always {records.Turn(turn).name.lower()}", 0, wanted, np.full(len(wanted), turn))
         for turn in dict.fromkeys((common, often))
     ]
     return [compare("drawn by lot", 0, wanted, drawn), *always]

@@ -58,18 +58,11 @@ def drive(
             end = f"collision_{Body(hit).name.lower()}" if hit else "out_of_tile"
         lanes = rules[done.map]
         figures = lanes.figures(poses, CONTROL_DT_S)
-        episode = Episode(
-            *divmod(done.seed, group),
-            end,
-            bool(facts["at_fault"]),
-            done.success,
-            facts["least_ttc_s"],
-            longest_wait_s(poses, CONTROL_DT_S),
-            done.map,
-            lanes.lines_run(poses, CONTROL_DT_S),
-            figures.driven_lanedir_consec / lanes.tile_size_m,
-            figures,
-        )
+        how = end, bool(facts["at_fault"]), done.success, facts["least_ttc_s"]
+        waited_s, run = longest_wait_s(poses, CONTROL_DT_S), lanes.lines_run(poses, CONTROL_DT_S)
+        tiles = figures.driven_lanedir_consec / lanes.tile_size_m
+        seed, robot = divmod(done.seed, group)
+        episode = Episode(seed, robot, *how, waited_s, done.map, run, tiles, figures)
         title = f"Episode {episode.seed} on {episode.map} - {end} - {episode.tiles:.1f} tiles"
         yield episode, (episode.badness, title, tuple(ride.frames)) if films else None
 

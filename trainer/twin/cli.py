@@ -22,22 +22,22 @@ def fit_command(
     Args:
         recordings: MCAP files of drives on one map, best with overhead poses.
     """
-    console = Console(soft_wrap=True, highlight=False)
-    if _fit(recordings, out, console)[2] is None:
+    if _fit(recordings, out, Console(soft_wrap=True, highlight=False))[2] is None:
         raise ConfigError("fit: expected recordings of drives on a map, got drives without one")
     return 0
 
 
 def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, Any, Any]:
     """The drives, where the robot was at their pictures, and their map; without one no twin."""
+    from trainer.processes import pool
     from trainer.twin.fit import fit_twin, write_twin, write_twin_page
     from trainer.twin.recorded import read_drives
 
     drives = read_drives(recordings, lambda line: console.print(line, markup=False))
     if not any(drive.map_name for drive in drives):
         return drives, [None] * len(drives), None
-    with console.status("fitting"):
-        twin = fit_twin(drives)
+    with console.status("fitting"), pool() as spread:
+        twin = fit_twin(drives, spread)
     write_twin(twin, out)
     write_twin_page(twin, drives[0], page := out.with_suffix(".html"))
     for name, (value, sd) in twin.found.items():

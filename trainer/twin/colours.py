@@ -9,7 +9,7 @@ import numpy as np
 from robot.contract import ImageSpec
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
-from trainer.twin.camera import far, rig_of
+from trainer.twin.eye import far, rig_of
 
 KINDS = ("white", "yellow", "outside", "asphalt")
 LEAST_PIXELS = 150  # by which a colour is known

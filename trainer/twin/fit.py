@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Sequence
+from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,13 +24,13 @@ from trainer.report.page import write_page
 from trainer.twin import camera as seen
 from trainer.twin import motion as moved
 from trainer.twin.colours import Colours, fit_colours, seen_from
+from trainer.twin.eye import NAMES, WIDTH, cover_scene
 from trainer.twin.recorded import Recorded
 
-KEY_PICTURES, TRACKED = 60, 400
+KEY_PICTURES, TRACKED = 120, 400
 SHOWN = 6  # of the key pictures, on the page
 EYE_PIECE_S = 3.0  # of driving, for which the wheels are trusted between poses that the eye told
 IN_PIECE, LEAST_TRACKED = 13, 40  # pictures of each piece, and of each drive
-TRACK_STEPS = 8
 LEAST_TOLD = 30  # of these pictures must tell something
 NEAR_S = 0.5  # of a told pose: farther away the way is the wheels' alone
 LEAST_OBEYED = 0.6  # correlation
@@ -121,7 +122,7 @@ def write_twin_page(twin: Twin, drive: Recorded, path: Path) -> None:
     write_page("twin.html", path, twin=twin, seconds=drive.seconds, pairs=pairs)
 
 
-def fit_twin(drives: Sequence[Recorded]) -> Twin:
+def fit_twin(drives: Sequence[Recorded], spread: seen.Spread = map) -> Twin:
     """The twin of the robot, camera and floor of drives; all on one map.
 
     ConfigError: drives on several maps, or of a robot that did not turn as it was steered.
@@ -144,22 +145,19 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     shown = [moved.at_times(w, d.times_s, LATE_S) for w, d in zip(ways, drives, strict=True)]
     images = np.concatenate([drive.images for drive in drives])
     chosen = np.linspace(0, len(images) - 1, KEY_PICTURES).astype(int)
-    camera = seen.fit_camera(images[chosen], np.concatenate(shown)[chosen], drives[0].road_map)
+    key = images[chosen], np.concatenate(shown)[chosen], drives[0].road_map
+    camera = seen.fit_camera(*key, spread)
     found: Found = {}
     unseen = [f"not seen, as wide as randomised: {', '.join(_OUT_OF_SIGHT)}"]
     known = camera.share >= LEAST_EXPLAINED
     if known:
-        told = _tracks(drives, shown, camera)
+        told = _tracks(drives, shown, camera, spread)
         motion = moved.fit_motion([*told.values()], True, believed(motion))
-        if camera.rival is not None:
-            other_mm = 1e3 * camera.rival[0]
-            unseen.append(f"camera: one {other_mm:.0f} mm high explains the pictures as well")
-            sd = np.maximum(camera.sd, 0.5 * np.abs(camera.rival - camera.values))
-            camera = camera._replace(sd=sd)
         found |= _camera_of(camera, motion)
-        scene = seen.cover_scene(drives[0].road_map, float(camera.values[seen.WIDTH]))
+        scene = cover_scene(drives[0].road_map, float(camera.values[WIDTH]))
         cover = seen_from(scene, camera.values, camera.poses)
-        colours = fit_colours(images[chosen], cover, camera.shade, _still(drives[0]))
+        shade = max(0.0, float(camera.values[-1]))
+        colours = fit_colours(images[chosen], cover, shade, _still(drives[0]))
         found |= colours_told(colours, camera, unseen)
     else:
         told = dict(enumerate(above))
@@ -190,15 +188,19 @@ def _still(drive: Recorded) -> list[np.ndarray]:
 
 
 def _tracks(
-    drives: Sequence[Recorded], near: Sequence[np.ndarray], camera: seen.Fitted
+    drives: Sequence[Recorded],
+    near: Sequence[np.ndarray],
+    camera: seen.Fitted,
+    spread: seen.Spread,
 ) -> dict[int, moved.Told]:
     """Where the eye was in pictures of the drives, by number, whose pictures tell it."""
     told = {}
     for k, (drive, way) in enumerate(zip(drives, near, strict=True)):
         few = looked_at(drive.times_s, len(drives))
-        views = seen.views_of(drive.images[few], way[few], drive.road_map)
-        settled = seen.settle(views, camera.values, views.poses, TRACK_STEPS, seen.FARTHEST)
-        poses, roots, shares = settled
+        parts = np.array_split(few, -(-len(few) // seen.PIECE))
+        pictures, places = ([all_of[part] for part in parts] for all_of in (drive.images, way))
+        how = repeat(drive.road_map), repeat(camera.values), repeat((*seen.AFAR, 1))
+        poses, roots, shares = seen.joined(spread(seen.placed, pictures, places, *how))
         fair = shares >= _FAIR * camera.share
         matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
         sure = np.swapaxes(np.linalg.cholesky(matrices), 1, 2)
@@ -225,9 +227,9 @@ def looked_at(times_s: np.ndarray, drives: int) -> np.ndarray:
 def _camera_of(camera: seen.Fitted, motion: moved.Motion) -> Found:
     # Poses were told by an eye that was taken to sit and look as a nominal one does.
     place = np.array([getattr(NOMINAL.camera, name) for name in moved.EYE])
-    values = (*camera.values[: seen.WIDTH], *(place + motion.values[len(moved.NAMES) :]))
-    off = (*camera.sd[: seen.WIDTH], *motion.sd[len(moved.NAMES) :])
-    each = zip((*seen.NAMES, *moved.EYE), values, off, strict=True)
+    values = (*camera.values[:WIDTH], *(place + motion.values[len(moved.NAMES) :]))
+    off = (*camera.sd[:WIDTH], *motion.sd[len(moved.NAMES) :])
+    each = zip((*NAMES, *moved.EYE), values, off, strict=True)
     return {f"camera.{name}": (float(value), float(sd)) for name, value, sd in each}
 
 
@@ -243,8 +245,8 @@ def colours_told(colours: Colours, camera: seen.Fitted, unseen: list[str]) -> Fo
         else:
             unseen.append(f"colour of {kind}: too little of it in the pictures")
     unseen.append("white balance and exposure are in the colours, but for what burns out")
-    found["ground.line_width_scale"] = float(camera.values[seen.WIDTH]), 0.08
-    found["sensor.vignetting"] = camera.shade, 0.05
+    found["ground.line_width_scale"] = float(camera.values[WIDTH]), 0.08
+    found["sensor.vignetting"] = max(0.0, float(camera.values[-1])), 0.05
     if colours.noise is None:
         unseen.append("noise: the robot never stood still")
     else:

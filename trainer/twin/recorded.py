@@ -92,16 +92,11 @@ def read_drive(path: Path) -> Recorded:
     fresh = [t for t, b in zip(turns, before, strict=False) if t.frame != b and t.frame in frames]
     images = [picture(topics.image_bytes(frames[t.frame or 0].message())) for t in fresh]
     begun = np.array((begin_s, 0.0, 0.0, 0.0))
-    return Recorded(
-        map_name,
-        np.array([t.wheels for t in turns])[held],
-        np.array([t.time_s - begin_s for t in fresh]),
-        np.array(images),
-        np.array(overhead).reshape(-1, 4) - begun,
-        np.array(fused).reshape(-1, 4) - begun,
-        1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns)),
-        tuple(fresh),
-    )
+    above, own = (np.array(told).reshape(-1, 4) - begun for told in (overhead, fused))
+    commands = np.array([t.wheels for t in turns])[held]
+    seen_s = np.array([t.time_s - begin_s for t in fresh])
+    skipped = 1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns))
+    return Recorded(map_name, commands, seen_s, np.array(images), above, own, skipped, tuple(fresh))
 
 
 def _place(message: dict[str, Any]) -> tuple[float, float, float]:
