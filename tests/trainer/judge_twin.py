@@ -135,7 +135,10 @@ def recorded(options: argparse.Namespace, look: Look, k: int, folder: Path) -> l
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 1):  # 1: not all arrived
         raise ConfigError(f"the loop bench ended with status {done.returncode}: {done.stderr}")
-    return read_drives(sorted(folder.glob("*.mcap")), print)
+    if not (drives := sorted(folder.glob("*.mcap"))):  # as where a floor has the boards' colour
+        print(f"{k}: not driven: {done.stderr.strip()[:120]}", flush=True)
+        return []
+    return read_drives(drives, print)
 
 
 def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
@@ -143,7 +146,8 @@ def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
     found = []
     for k in range(options.first, options.first + options.robots):
         look = load_look_sampler(options.look)(np.random.default_rng((options.seed, k)))
-        drives = recorded(options, look, k, folder / str(k))
+        if not (drives := recorded(options, look, k, folder / str(k))):
+            continue
         twin = fit_twin(drives)
         drive = max(drives, key=attrgetter("seconds"))
         found.append(errors_of(twin, look, drive))
