@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -148,6 +149,7 @@ def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
         look = load_look_sampler(options.look)(np.random.default_rng((options.seed, k)))
         if not (drives := recorded(options, look, k, folder / str(k))):
             continue
+        shutil.rmtree(folder / str(k))
         twin = fit_twin(drives)
         drive = max(drives, key=attrgetter("seconds"))
         found.append(errors_of(twin, look, drive))
