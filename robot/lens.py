@@ -224,8 +224,7 @@ class CameraRig:
         directions = self.lens.unproject(pixels) @ self.mount.rotation.T
         down = np.where(directions[..., 2] < -1e-6, directions[..., 2], np.nan)
         x_m, y_m, above_m = self.mount.position_m
-        scale = (height_m - above_m) / down
-        return np.array((x_m, y_m)) + directions[..., :2] * scale[..., None]
+        return np.array((x_m, y_m)) + directions[..., :2] * ((height_m - above_m) / down)[..., None]
 
 
 # The lens of the Duckietown simulator and robots: 111 x 84 degrees (a calibration of a real robot).

@@ -131,6 +131,7 @@ class DriveLook:
     trim: Annotated[float, (-1.0, 1.0)] = 0.0  # right wheel gains this, left loses it
     turn_gain: Gain = 1.0  # part of the commanded turn rate that the tyres turn into turning
     noise: Share = 0.02  # standard deviation of each wheel's speed, relative
+    acceleration_mps2: Annotated[float, (0.01, 1e6)] = 1e6  # of rims: the driver's ramp
 
 
 @dataclass(frozen=True)

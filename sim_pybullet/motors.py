@@ -1,8 +1,8 @@
 """What carries out actions: ``MotorModel``, how fast robots move after wheel speeds were commanded.
 
-After a delay, forward speed and turn rate follow the command with first-order lags of their own;
-gain, trim and noise of the wheels come on top. Without these it is gym-duckietown's model of the
-DB18 (u' = -5u + 1.5(R + L), w' = -4w + 15(R - L), in Euler steps of 1/30 s), step for step.
+After a delay and the motor driver's ramp, forward speed and turn rate follow the command with
+first-order lags of their own; gain, trim and noise of the wheels come on top. But for these it is
+gym-duckietown's model of the DB18 (u' = -5u + 1.5(R + L), w' = -4w + 15(R - L), 1/30 s a step).
 """
 
 import math
@@ -76,7 +76,8 @@ class MotorModel:
         self._gains = np.ones((n_robots, 2))  # left, right
         self._turn_gain, self._noise = np.ones(n_robots), np.zeros(n_robots)
         self.twists, self.counted = np.zeros((n_robots, 2)), np.zeros((n_robots, 2))
-        self._commands = DelayLine(n_robots, 2)
+        self._commands, self._ramped = DelayLine(n_robots, 2), np.zeros((n_robots, 2))
+        self._most_mps = np.zeros((n_robots, 1))  # that a rim gains in a step
         for i in range(n_robots):
             self.reset(i, DriveLook())
 
@@ -87,19 +88,21 @@ class MotorModel:
         self._gains[i] = look.gain - look.trim, look.gain + look.trim
         self._turn_gain[i], self._noise[i] = look.turn_gain, look.noise
         self._commands.reset(i, look.delay_s / self._dt_s, np.zeros(2))
-        self.twists[i] = self.counted[i] = 0.0
+        self._most_mps[i] = look.acceleration_mps2 * self._dt_s
+        self.twists[i] = self.counted[i] = self._ramped[i] = 0.0
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """The ``twists`` after one more step at commanded rim speeds (N, 2), left and right."""
         self._commands.push(actions)
-        commands = self._commands.read()
-        wheels = commands * self._gains
+        before, most = self._ramped, self._most_mps
+        self._ramped = np.clip(self._commands.read(), before - most, before + most)
+        wheels = self._ramped * self._gains
         if self._noise.any():
             wheels *= 1.0 + self._noise[:, None] * rng.standard_normal(wheels.shape)
         target = _twists(wheels)
         target[:, 1] *= self._turn_gain
         self.twists = target + (self.twists - target) * self._decay
-        target = _twists(commands)
+        target = _twists(self._ramped)
         self.counted = target + (self.counted - target) * self._decay
         return self.twists.copy()
 

@@ -123,8 +123,7 @@ class LaneView:
         kind = self._beyond(tile, quarter) if _SIDES[quarter] in tile.road_sides else 0
         turned_rad = float(wrap_angle(heading_rad - along_rad))
         line_m = rest_m if kind else math.inf
-        here = offset_m, turned_rad, along_rad
-        return LaneAhead(*here, 0.0, math.nan, 0.0, line_m, kind, True)
+        return LaneAhead(offset_m, turned_rad, along_rad, 0.0, math.nan, 0.0, line_m, kind, True)
 
     def _beyond(self, tile: Tile, quarter: int) -> int:
         """The kind of the junction that lies next to a tile on one side; 0 for none."""

@@ -78,8 +78,7 @@ def _draw(plane: np.ndarray, lane: Lane, left_m: float, width_m: float) -> None:
     along = np.gradient(points, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     points_m = points + left_m * np.stack((-along[:, 1], along[:, 0]), axis=1)
-    pixels = (points_m + MARGIN_M) / TEXEL_M - 0.5
-    fixed = np.rint(pixels * 2**_SHIFT).astype(np.int32)[:, None]
+    fixed = np.rint(((points_m + MARGIN_M) / TEXEL_M - 0.5) * 2**_SHIFT).astype(np.int32)[:, None]
     cv2.polylines(plane, [fixed], False, 255, max(1, round(width_m / TEXEL_M)), cv2.LINE_AA, _SHIFT)
 
 

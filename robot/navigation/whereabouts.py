@@ -273,8 +273,7 @@ def _likely(seen: Seen, road: Optional[LaneAhead], along_sd_m: float) -> float:
     elif line_m > farthest + _APART_M and not road.in_junction:
         told += math.log(kinds[0])
     if math.isfinite(road.curvature_pm):
-        slope = road.slope_pm2 * along_sd_m
-        variance = _CURVATURE_PM**2 + float(deviations[2]) ** 2 + slope**2
+        variance = _CURVATURE_PM**2 + float(deviations[2]) ** 2 + (road.slope_pm2 * along_sd_m) ** 2
         told -= min(_WORST, 0.5 * float(figures[2] - road.curvature_pm) ** 2 / variance)
     else:
         told -= 0.5  # what a figure that is right costs on average

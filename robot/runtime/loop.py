@@ -211,8 +211,7 @@ class Runtime:
         if self.safety.verdict.state is not State.AUTO:
             self._rules = self._every_rule
             return Cap()
-        told_mps = max(abs(speed) for speed in self._wheels)
-        road = Road(now_s, way.driven_m, told_mps, way.ahead)
+        road = Road(now_s, way.driven_m, max(map(abs, self._wheels)), way.ahead)
         self._rules, cap = govern(self._rules, road)
         return cap
 

@@ -101,7 +101,6 @@ class Reporter:
         """Decisions a second."""
         if self._last_s is not None:
             period_s = max(now_s - self._last_s, 1e-3)
-            share = SMOOTHING if self._period_s else 1.0
-            self._period_s += share * (period_s - self._period_s)
+            self._period_s += (SMOOTHING if self._period_s else 1.0) * (period_s - self._period_s)
         self._last_s = now_s
         return 1.0 / self._period_s if self._period_s else 0.0

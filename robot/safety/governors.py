@@ -208,8 +208,7 @@ class FirstCome:
         if not turn and road.now_s - quiet_s < QUIET_S * (1 + lesser):
             return FirstCome(quiet_s), _STAND
         look_s = road.now_s if self.look_s is None else self.look_s
-        goes = road.now_s - look_s >= LOOK_S
-        return FirstCome(quiet_s, look_s), Cap() if goes else _STAND
+        return FirstCome(quiet_s, look_s), Cap() if road.now_s - look_s >= LOOK_S else _STAND
 
 
 def _lets(other: AtJunction, own: AtJunction) -> bool:

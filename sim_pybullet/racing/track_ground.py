@@ -48,8 +48,7 @@ def paint_track(track: Track, look: Look) -> Ground:
     light = soft_light((height, width), offset_m.shape, ground)
     left = paint_left(noise, ground)
     rgb, classes = lay(offset_m, arc_m, bends, colours, sizes, grain, left, light)
-    north_m = classes.shape[0] * texel_m
-    return Ground(rgb, classes, texel_m, 0.0, north_m, ground.beyond_rgb)
+    return Ground(rgb, classes, texel_m, 0.0, len(classes) * texel_m, ground.beyond_rgb)
 
 
 @lru_cache(maxsize=2)

@@ -50,15 +50,16 @@ class RolledWheels:
 
 
 def beyond_nominal(look: DriveLook) -> DriveLook:
-    """This look for wheels that have the nominal look's lags and noise already.
+    """This look for wheels that have the nominal look's lags and noise, and a ramp, already.
 
-    Such are the rotors': ramps lag and shake by themselves. Steps are exact, so a gain is a wheel
+    Such are the rotors': they lag and shake by themselves. Steps are exact, so a gain is a wheel
     of another radius, a trim two unequal ones, and a turn gain tyres that slip.
     """
     return replace(
         look,
         forward_lag_s=max(look.forward_lag_s - _NOMINAL.forward_lag_s, 0.0),
         turn_lag_s=max(look.turn_lag_s - _NOMINAL.turn_lag_s, 0.0),
+        acceleration_mps2=_NOMINAL.acceleration_mps2,
         noise=math.sqrt(max(look.noise**2 - _NOMINAL.noise**2, 0.0)),
     )
 

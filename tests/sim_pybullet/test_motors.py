@@ -53,6 +53,26 @@ def test_steps_are_counted_without_what_they_cannot_know(
     np.testing.assert_allclose(counted, drive(late, wheels), atol=1e-12)
 
 
+@given(seed=st.integers(0, 99), most_mps2=st.floats(0.3, 3.0))
+def test_a_ramp_follows_as_fast_as_it_may_and_no_faster(seed: int, most_mps2: float) -> None:
+    wheels = np.random.default_rng(seed).uniform(-0.3, 0.3, (8, 2)).repeat(5, axis=0)
+    twists = drive(replace(EXACT, acceleration_mps2=most_mps2), wheels)
+    turned = np.outer(twists[:, 1], (-0.5, 0.5)) * DRIVE.baseline_m
+    rims = np.vstack((np.zeros((1, 2)), twists[:, :1] + turned))
+    steps, wanted = np.diff(rims, axis=0), wheels - rims[:-1]
+    fastest = np.sign(wanted) * np.minimum(np.abs(wanted), most_mps2 * PHYSICS_DT_S)
+    np.testing.assert_allclose(steps, fastest, atol=1e-12)
+
+
+def test_a_reset_robot_ramps_up_from_rest() -> None:
+    model, rng = MotorModel(1), np.random.default_rng(0)
+    for _ in range(2):
+        model.reset(0, replace(EXACT, acceleration_mps2=0.6))
+        for _ in range(9):
+            twist = model.step(np.array([[0.3, 0.3]]), rng)[0]
+        assert twist[0] == pytest.approx(9 * 0.6 / 30)
+
+
 @pytest.mark.parametrize("lag_s", [0.02, 0.2, 1.0])
 def test_a_lag_reaches_63_percent_after_its_time_constant(lag_s: float) -> None:
     model = MotorModel(1, dt_s=lag_s / 500)

@@ -101,9 +101,11 @@ def test_training_looks_vary_everything_but_what_is_measured_elsewhere(
         if leaf not in named.get(group, {})
     }
     # The pose's errors are an option of their own, and tracks have looks of their own; the other
-    # painter is for judging; wheel noise is there already. Gaps and things came with wide.
+    # painter is for judging; wheel noise is there already; a ramp is the robot's own, which its
+    # twin knows. Gaps and things came with wide.
     assert {name for name in left if not name.startswith(("pose.", "track."))} == {
         "ground.painter",
+        "drive.acceleration_mps2",
         "drive.noise",
     } | else_left
 

@@ -196,6 +196,14 @@ def test_a_recording_has_what_a_fit_needs(recording: Path) -> None:
     assert np.median(delays_s) == pytest.approx(0.1)
 
 
+def test_commands_are_read_as_the_robots_ramp_lets_wheels_follow_them(tmp_path: Path) -> None:
+    look = replace(OWN, drive=replace(OWN.drive, acceleration_mps2=0.8))
+    drive = read_drive(record_drive(look, "rings/claw", 40.0, 1, tmp_path / "ramp.mcap"))
+    gained = np.abs(np.diff(drive.commands, axis=0)).max()
+    assert gained == pytest.approx(0.8 * PHYSICS_DT_S)
+    assert drive.acceleration_mps2 == 0.8
+
+
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_drive(NOMINAL, "rings/claw", 2.0, 1, tmp_path_factory.mktemp("twin") / "s.mcap")

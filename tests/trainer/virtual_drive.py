@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from contextlib import suppress
 from dataclasses import replace
@@ -50,7 +51,8 @@ def record_drive(
     world = BatchWorld(task, [replace(look, pose=ARENA_POSE)], ImageSpec(), seed)
     rng, told = np.random.default_rng((seed, 1)), PoseError(1)
     told.reset(0, ARENA_POSE, rng)
-    file = DriveFile(path, {"map": map_name, "robot": "virtual"})
+    config = json.dumps({"hat": {"acceleration_mps2": look.drive.acceleration_mps2}})
+    file = DriveFile(path, {"map": map_name, "robot": "virtual", "config": config})
     image, person, frame = world.reset().image, Person(rng), 1
     for k in range(round(seconds / CONTROL_DT_S)):
         now_s = BEGAN_S + k * CONTROL_DT_S

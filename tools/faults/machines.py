@@ -80,9 +80,8 @@ def told(stage: Stage) -> str:
     """Whether the page says that nothing is recorded."""
     readings = stage.bench.operator.robot.get("health", ())
     recorded = [reading for reading in readings if "record" in reading["name"]]
-    if not recorded or recorded[0]["level"] == "ok":
-        return f"the page does not say that nothing is recorded: {recorded}"
-    return ""
+    silent = not recorded or recorded[0]["level"] == "ok"
+    return f"the page does not say that nothing is recorded: {recorded}" if silent else ""
 
 
 @contextmanager

@@ -11,8 +11,7 @@ from tools.faults.case import STOP_BUDGET_S, TABLE, Outcome
 def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ()) -> None:
     """Write the table, whole or not at all; ``unmet`` are faults without an outcome yet."""
     passed = f"{sum(not outcome.problem for outcome in outcomes)} of {len(outcomes)}"
-    head = TABLE["page"].rstrip().format(1000.0 * STOP_BUDGET_S)
-    lines = [f"{head} {passed} passed.\n"]
+    lines = [TABLE["page"].rstrip().format(1000.0 * STOP_BUDGET_S) + f" {passed} passed.\n"]
     if unmet:
         lines.append(f"Not met in this run: {', '.join(unmet)}.\n")
     for family in dict.fromkeys(outcome.family for outcome in outcomes):

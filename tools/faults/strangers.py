@@ -25,8 +25,7 @@ def _keys(stage: Stage, whose: str) -> Keys | None:
         return replace(own, peers=monitors.peers)
     thief = whose.removeprefix("stolen_from_")
     if thief != whose:
-        own = load_keys(stage.bench.keys[thief])
-        return replace(own, role="monitor", peers=monitors.peers)
+        return replace(load_keys(stage.bench.keys[thief]), role="monitor", peers=monitors.peers)
     return monitors if whose == "monitor" else None
 
 

@@ -60,8 +60,7 @@ class Dagger(ddqn.DoubleDQN):
         share = max(0.0, 1.0 - self.num_timesteps / self.expert_steps)
         taken = np.where(self.rng.random(n_envs) < share, expert, learner)
         choices = self.rng.integers(int(self.q_net.action_space.n), size=n_envs)
-        taken = np.where(self.rng.random(n_envs) < self.random_share, choices, taken)
-        return taken, expert
+        return np.where(self.rng.random(n_envs) < self.random_share, choices, taken), expert
 
     def _update(self, batch_size: int) -> float:
         assert self.replay_buffer is not None

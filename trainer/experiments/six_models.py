@@ -156,8 +156,7 @@ def report(out: Path, options: SixModelsOptions) -> str:
         panels.append((f"{title}, transfer by {way}", records))
     draw_panels(panels, out / "six_models.png")
     head, *rows = table_rows(found, episodes)
-    every = (head, ["---"] * len(head), *rows)
-    text = "".join(f"| {' | '.join(cells)} |\n" for cells in every)
+    text = "".join(f"| {' | '.join(cells)} |\n" for cells in (head, ["---"] * len(head), *rows))
     write_text(out / "six_models.md", text)
     return text
 

@@ -51,8 +51,7 @@ def fit_camera(
     """The camera after pictures (120, 160, 3) taken near poses (F, 3)."""
     told = images, poses, road_map
     soft, sharp = (views_of(*told, shrink) for shrink in (SOFT, 1))
-    heights_and_pitches = product(TRIED_M, USUAL[1] + TRIED_RAD)
-    tried = [np.array((*both, *USUAL[2:])) for both in heights_and_pitches]
+    tried = [np.array((*two, *USUAL[2:])) for two in product(TRIED_M, USUAL[1] + TRIED_RAD)]
     few = np.linspace(0, len(images) - 1, min(FEW, len(images))).astype(int)
     some = [images[k] for k in few], poses[few], road_map
     begins = [each[0] for each in spread(placed, *map(repeat, some), tried, repeat(AFAR[:1]))]

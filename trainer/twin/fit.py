@@ -261,7 +261,7 @@ def _motion_of(
     known: bool,
     unseen: list[str],
 ) -> Found:
-    found: Found = {}
+    found: Found = {"drive.acceleration_mps2": (drives[0].acceleration_mps2, 0.0)}
     each = zip(moved.NAMES, motion.values.tolist(), motion.sd.tolist(), moved.SPREAD, strict=False)
     for name, value, sd, spread in each:
         if sd > 0.5 * spread:

@@ -1,6 +1,8 @@
 """Recordings as arrays: commands, pictures, and what told the robot where it was."""
 
+import json
 from collections.abc import Callable, Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +14,7 @@ from robot.recording import topics
 from robot.recording.drive_file import picture
 from robot.recording.reader import entries, read_about, turn_of
 from robot.recording.topics import Turn
+from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S
 
 LEAST_S, ALL_S = 8.0, 20.0  # that a drive must last, and all of them together
@@ -20,9 +23,9 @@ LEAST_S, ALL_S = 8.0, 20.0  # that a drive must last, and all of them together
 class Recorded(NamedTuple):
     """One drive. Times [s] are of the robot's clock, from the first turn on.
 
-    ``commands`` are rim speeds (K, 2) [m/s] as sent, at each `PHYSICS_DT_S`. Pictures (F) are the
-    fresh ones, at the turns that saw them first. ``overhead`` rows are when the pose was captured,
-    x, y, heading; ``fused`` likewise where the robot believed to be. Both are empty without a map.
+    ``commands`` are rim speeds (K, 2) [m/s] after the driver's ramp, at each `PHYSICS_DT_S`.
+    Pictures (F) are fresh ones, at the turns that saw them first. ``overhead`` has rows of when it
+    saw the robot, x, y, heading; ``fused`` of what this believed. Both are empty without a map.
     """
 
     map_name: str  # "": none
@@ -33,6 +36,7 @@ class Recorded(NamedTuple):
     fused: np.ndarray  # (T, 4)
     skipped: float  # share of the turns that saw the picture before once more
     turns: tuple[Turn, ...]  # of each picture
+    acceleration_mps2: float = DriveLook.acceleration_mps2
 
     @property
     def road_map(self) -> RoadMap:
@@ -64,10 +68,8 @@ def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Re
 
 def read_drive(path: Path) -> Recorded:
     """UnfitError: too short, or on a map without any pose; ConfigError: no recording."""
-    turns: list[Turn] = []
-    frames: dict[int, Any] = {}
-    overhead: list[list[float]] = []
-    fused: list[list[float]] = []
+    turns, frames = list[Turn](), dict[int, Any]()
+    overhead, fused = list[list[float]](), list[list[float]]()
     for entry in entries(path, topics.CAMERA, topics.TURN, topics.OVERHEAD, topics.POSE):
         if entry.topic == topics.CAMERA.name:
             frames[entry.number] = entry
@@ -77,7 +79,8 @@ def read_drive(path: Path) -> Recorded:
             fused.append([turns[-1].time_s, *_place(entry.message())])
         elif turns[-1].pose_age_s is not None and (message := entry.message())["heading_known"]:
             overhead.append([turns[-1].time_s - turns[-1].pose_age_s, *_place(message)])
-    map_name = read_about(path).get("map", "")
+    about = read_about(path)
+    map_name, hat = about.get("map", ""), json.loads(about.get("config", "{}")).get("hat", {})
     seconds = turns[-1].time_s - turns[0].time_s if turns else 0.0
     if seconds < LEAST_S or (map_name and not (overhead or fused)):
         raise UnfitError(
@@ -87,16 +90,19 @@ def read_drive(path: Path) -> Recorded:
     begin_s = turns[0].time_s
     turned_s = np.array([t.time_s for t in turns]) - begin_s
     grid_s = (np.arange(round(turned_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
-    held = np.searchsorted(turned_s, grid_s, "right") - 1
     before = [None, *(turn.frame for turn in turns)]
     fresh = [t for t, b in zip(turns, before, strict=False) if t.frame != b and t.frame in frames]
     images = [picture(topics.image_bytes(frames[t.frame or 0].message())) for t in fresh]
     begun = np.array((begin_s, 0.0, 0.0, 0.0))
     above, own = (np.array(told).reshape(-1, 4) - begun for told in (overhead, fused))
-    commands = np.array([t.wheels for t in turns])[held]
+    most_mps2 = float(hat.get("acceleration_mps2", DriveLook.acceleration_mps2))
+    step = most_mps2 * PHYSICS_DT_S
+    asked = np.array([t.wheels for t in turns])[np.searchsorted(turned_s, grid_s, "right") - 1]
+    commands = [*accumulate(asked, lambda now, new: np.clip(new, now - step, now + step))]
     seen_s = np.array([t.time_s - begin_s for t in fresh])
     skipped = 1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns))
-    return Recorded(map_name, commands, seen_s, np.array(images), above, own, skipped, tuple(fresh))
+    told = above, own, skipped, tuple(fresh), most_mps2
+    return Recorded(map_name, np.array(commands), seen_s, np.array(images), *told)
 
 
 def _place(message: dict[str, Any]) -> tuple[float, float, float]:

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,6 +36,30 @@ def test_the_town_goes_where_the_step_odometry_says(drive: str, off_m: float) ->
     assert math.hypot(expected.x_m, expected.y_m) > 0.5
     assert math.hypot(pose.x_m - expected.x_m, pose.y_m - expected.y_m) < off_m
     assert abs(math.remainder(pose.heading_rad - expected.heading_rad, 2 * math.pi)) < 4 * off_m
+
+
+def test_the_motor_model_turns_as_the_robots_own_ramp_lets_it() -> None:
+    """Five actions at random for 20 s; a lag without a ramp cannot tell where the robot heads."""
+    rig, rng = make_rig(), np.random.default_rng(1)
+    rolled, headings = RolledWheels(rig.hat, rig.clock), [np.zeros(3)]
+    own, ramped, lagging = MotorModel(1, DT_S), MotorModel(1, DT_S), MotorModel(1, DT_S)
+    own.reset(0, beyond_nominal(NOMINAL.drive))
+    steady = replace(NOMINAL.drive, noise=0.0)
+    ramped.reset(0, replace(steady, forward_lag_s=0.05, turn_lag_s=0.05, acceleration_mps2=0.8))
+    lagging.reset(0, replace(steady, forward_lag_s=0.1, turn_lag_s=0.1, delay_s=0.08))
+    with rig.driver:
+        for action in [2, 2, *rng.integers(5, size=65)]:
+            for _ in range(18):
+                rig.drive(*ACTION_WHEELS[action], DT_S)
+                wheels = np.array([ACTION_WHEELS[action]])
+                asked = rolled.since_last()[None], wheels, wheels
+                each = zip((own, ramped, lagging), asked, strict=True)
+                turns = [model.step(speeds, rng)[0, 1] * DT_S for model, speeds in each]
+                headings.append(headings[-1] + turns)
+    truth, with_ramp, with_lag = np.array(headings)[60:].T
+    assert np.std(truth) > 0.5
+    assert np.std(with_ramp - truth) < 0.05
+    assert np.std(with_lag - truth) > 0.15
 
 
 def test_no_time_is_no_motion() -> None:
