@@ -7,6 +7,9 @@ import numpy as np
 
 from localizer_node.calibration import Colour
 
+ALIKE = (6.0, 25.0, 255.0)  # of OpenCV's hue, saturation and value: a floor of one colour
+SPARSE = 5  # pixels apart, a floor is asked for its colour
+
 
 class Blob(NamedTuple):
     """One connected component; coordinates in the picture that was searched."""
@@ -27,17 +30,35 @@ def mask_of(hsv: np.ndarray, colour: Colour) -> np.ndarray:
 
 
 def blobs(image: np.ndarray, mask: np.ndarray, least_px: float, most_px: float) -> List[Blob]:
-    """The components of a mask of an RGB picture (H, W, 3), of such areas, largest first."""
+    """The components of a mask of an RGB picture (H, W, 3), of such areas, largest first.
+
+    What is larger is floor: there, what has another colour than most of it counts.
+    """
     # Of both levels, outlines and holes: on a floor of its own colour a board lies in a hole.
     outlines, levels = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    found = []
+    found: List[Blob] = []
+    floor = np.zeros_like(mask)
     for k, outline in enumerate(outlines):
         u, v, width, height = cv2.boundingRect(outline)
-        large = width * height >= least_px and levels[0, k, 3] < 0
-        if large and cv2.contourArea(outline) <= most_px:
+        if width * height < least_px or levels[0, k, 3] >= 0:
+            continue
+        if cv2.contourArea(outline) <= most_px:
             found.append(_blob(image, mask, outline, (u, v, u + width, v + height)))
-    found = [blob for blob in found if blob.area_px >= least_px]
-    return sorted(found, key=lambda blob: -blob.area_px)
+        else:  # without its holes, in which others lie
+            cv2.drawContours(floor, outlines, k, 255, cv2.FILLED, hierarchy=levels, maxLevel=1)
+    floor = cv2.bitwise_and(floor, mask)
+    if floor[::SPARSE, ::SPARSE].any():
+        found += blobs(image, _other(image, floor), least_px, most_px)
+    return sorted((b for b in found if b.area_px >= least_px), key=lambda blob: -blob.area_px)
+
+
+def _other(image: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """The part of a mask that has not the hue and saturation of most of it."""
+    hsv = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2HSV)
+    some = hsv[::SPARSE, ::SPARSE][floor[::SPARSE, ::SPARSE] > 0].astype(float)
+    middle = np.median(some, axis=0)
+    off = np.array(ALIKE) + 4.0 * np.median(np.abs(some - middle), axis=0)
+    return cv2.bitwise_and(floor, cv2.bitwise_not(cv2.inRange(hsv, middle - off, middle + off)))
 
 
 def _blob(
@@ -59,7 +80,6 @@ def _blob(
 def _coverage(image: np.ndarray, mask: np.ndarray, filled: np.ndarray) -> np.ndarray:
     """How much of each pixel the blob covers; float32, 0 outside the blob. That is its chroma
     over the highest one near it: a shadow darkens both alike."""
-    own = cv2.bitwise_and(mask, filled)
-    chroma = cv2.bitwise_and(image.max(axis=2) - image.min(axis=2), own)
+    chroma = cv2.bitwise_and(image.max(axis=2) - image.min(axis=2), cv2.bitwise_and(mask, filled))
     highest = cv2.dilate(chroma, np.ones((5, 5), np.uint8))
     return chroma / np.maximum(highest, 1).astype(np.float32)

@@ -100,9 +100,7 @@ def bell(error: float, width: float) -> float:
 def size_fit(part: Part, expected_m: Sequence[float]) -> float:
     """How well a part has these sides [m] and is a filled rectangle: 1 exactly, 0 beyond doubt."""
     errors = [a / b - 1.0 for a, b in zip(part.sides_m, sorted(expected_m, reverse=True))]
-    if max(abs(e) for e in errors) > SIZE_TOLERANCE:
-        return 0.0
-    if not FILL_RANGE[0] <= part.fill <= FILL_RANGE[1]:
+    if max(map(abs, errors)) > SIZE_TOLERANCE or not FILL_RANGE[0] <= part.fill <= FILL_RANGE[1]:
         return 0.0
     return bell(math.hypot(*errors), SIZE_TOLERANCE / 2.0)
 
@@ -227,8 +225,7 @@ class Detector:
 def _front_fit(marker: Marker, rear: Part, front: Part) -> float:
     """How well a part has the size of the front and lies as far from the rear as it should."""
     board = marker.board
-    gap_m = float(np.linalg.norm(front.centre_m - rear.centre_m))
-    error = gap_m / (board.length_m / 2.0) - 1.0
+    error = float(np.linalg.norm(front.centre_m - rear.centre_m)) / (board.length_m / 2.0) - 1.0
     if abs(error) > BASELINE_TOLERANCE:
         return 0.0
     return size_fit(front, (board.front_m, board.width_m)) * bell(error, 0.15)

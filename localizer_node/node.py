@@ -52,8 +52,7 @@ class Localizer:
         self.calibration = calibration
         self._repeats = 0  # pictures in a row that repeated the one before
         self._last: Optional[np.ndarray] = None
-        self._detector = Detector(calibration)
-        self._tracker = Tracker(calibration)
+        self._detector, self._tracker = Detector(calibration), Tracker(calibration)
 
     def feed(self, image: np.ndarray, t_capture_s: float) -> Tuple[Sighting, ...]:
         """The robots in the next RGB picture, taken at ``t_capture_s`` by a monotonic clock.

@@ -127,8 +127,7 @@ def _fold_radius(distortion: Tuple[float, ...]) -> float:
     k1, k2, _, _, k3 = (*distortion, *([0.0] * 5))[:5]
     r = np.linspace(0.0, 10.0, 2001)
     r2 = r * r
-    distorted = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
-    falls = np.flatnonzero(np.diff(distorted) <= 0.0)
+    falls = np.flatnonzero(np.diff(r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))) <= 0.0)
     return float(r[falls[0]]) if len(falls) else math.inf
 
 

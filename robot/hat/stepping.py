@@ -155,8 +155,7 @@ class WheelRamp:
                 rest_s = 1.0 / slow if speed else max(0.0, self._reverse_from_s - time_s)
                 append(rest_s, 0.0, 0.0)
             speed = 0.0
-        floor = min(abs(target), slow)
-        start = speed if abs(speed) > slow else math.copysign(floor, target)
+        start = speed if abs(speed) > slow else math.copysign(min(abs(target), slow), target)
         end = target if abs(target) > slow else math.copysign(min(abs(start), slow), target)
         ramp(start, end)
         append(math.inf, target, 0.0)

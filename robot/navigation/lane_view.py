@@ -82,8 +82,7 @@ class LaneView:
         steps = near.t[i] * (_POINTS - 1)
         chain = self._chains[i]
         arc_m = float(np.interp(steps, np.arange(_POINTS), chain.arcs_m[:_POINTS]))
-        here = float(near.offset_m[i]), float(turned[i]), float(near.heading_rad[i])
-        return chain, arc_m, here
+        return chain, arc_m, (float(near.offset_m[i]), float(turned[i]), float(near.heading_rad[i]))
 
     def line_ahead_m(self, pose: Pose) -> float:
         """From the axle to the red line that a robot at a pose comes to; infinite where none is."""

@@ -152,8 +152,7 @@ class KeepApart:
         if math.isnan(ahead.free_m):
             return self, Cap(0.0, "nothing tells where the others are")
         reason = f"something is {100.0 * ahead.free_m:.0f} cm ahead"
-        sigmas = (1.0 + self.stands) * _SIGMAS
-        sure_mps = self._most(ahead, sigmas * ahead.free_sigma_m + GAP_M)
+        sure_mps = self._most(ahead, (1.0 + self.stands) * _SIGMAS * ahead.free_sigma_m + GAP_M)
         if sure_mps > 0.0:
             return KeepApart(), Cap(sure_mps, reason)
         since_s = self.since_s if self.stands else road.now_s

@@ -57,8 +57,7 @@ def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
     """The right reading first. Columns and rows (N,) count from the picture's middle."""
 
     def sheared(share: float, still_row: float) -> Reading:
-        moved = columns + share * (rows - still_row) + 0.5 * COLUMNS
-        x = moved % COLUMNS - 0.5 * COLUMNS
+        x = (columns + share * (rows - still_row) + 0.5 * COLUMNS) % COLUMNS - 0.5 * COLUMNS
         return Reading("sheared", x, rows, SHEARED, share=HALF)
 
     def turned(degrees: float) -> Tuple[np.ndarray, np.ndarray]:

@@ -43,9 +43,8 @@ class _Canvas:
         normal = np.stack((-step[:, 1], step[:, 0]), 1)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
         crooked = self.rng.normal(0.0, 0.0012, (2, len(middle_m), 1))
-        left = middle_m + normal * (0.5 * width_m + crooked[0])
-        right = middle_m - normal * (0.5 * width_m + crooked[1])
-        corners = np.concatenate((left, right[::-1]))
+        left, right = normal * (0.5 * width_m + crooked[0]), normal * (0.5 * width_m + crooked[1])
+        corners = np.concatenate((middle_m + left, (middle_m - right)[::-1]))
         pixels = np.stack((corners[:, 0], self.north_m - corners[:, 1]), 1) / self.texel_m - 0.5
         (west, top), (east, bottom) = np.floor(pixels.min(0)) - 1, np.ceil(pixels.max(0)) + 2
         top, bottom = max(0, int(top)), min(self.classes.shape[0], int(bottom))

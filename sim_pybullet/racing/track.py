@@ -121,8 +121,7 @@ def close(track: Track) -> Track:
         )
     if max(gap_m, abs(askew_rad)) < 1e-9:
         return track
-    turned_deg = sum(abs(s.angle_deg) for s in track.segments)
-    share = math.degrees(askew_rad) / max(turned_deg, 1e-9)
+    share = math.degrees(askew_rad) / max(sum(abs(s.angle_deg) for s in track.segments), 1e-9)
     straightened = [
         replace(s, angle_deg=s.angle_deg - share * abs(s.angle_deg)) for s in track.segments
     ]

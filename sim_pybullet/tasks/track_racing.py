@@ -232,8 +232,7 @@ def _make(tracks: Sequence[Track], robots: int, chosen: Choices) -> TrackRacing:
     practice = chosen.start_spread > 1.0
     if practice:
         tracks = [*tracks, *map(mirrored, tracks)]
-    usual = _PRACTICE_LAPS if practice else 1.0
-    laps = usual if chosen.laps is None else chosen.laps
+    laps = chosen.laps if chosen.laps is not None else _PRACTICE_LAPS if practice else 1.0
     return TrackRacing(tracks, robots, laps, STYLES[chosen.style or "race"], chosen.start_spread)
 
 

@@ -162,8 +162,7 @@ class Traffic(Following):
         bodies, robots = self.crowd.bodies(self._grouped(poses)), np.arange(self.n_robots)
         xy_m = np.repeat(bodies, self.group, axis=0)
         xy_m[robots, robots % self.group] = np.nan
-        delta = xy_m - poses[:, None, :2]
-        apart = np.hypot(delta[..., 0], delta[..., 1])
+        apart = np.hypot(*np.moveaxis(xy_m - poses[:, None, :2], -1, 0))
         near = apart < self.crowd.meet_m
         whom = np.where(near, apart, np.inf).argmin(axis=1)
         met = near.any(axis=1)

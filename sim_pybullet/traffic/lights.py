@@ -67,5 +67,4 @@ class Lights:
         """(G, A) whether those who come to junctions (G, A) with headings (G, A) see red."""
         along = np.abs(np.cos(headings[:, :, None] - self.places[:, None, :, 2])) > math.sqrt(0.5)
         mine = (junctions[:, :, None] == self.junctions[:, None]) & (junctions >= 0)[:, :, None]
-        green = np.where(along, 0, 1) == self.phases[:, None]
-        return np.asarray((mine & ~green).any(axis=-1))
+        return np.asarray((mine & (np.where(along, 0, 1) != self.phases[:, None])).any(axis=-1))

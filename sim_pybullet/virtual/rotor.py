@@ -61,8 +61,7 @@ def bridge_state(in1: bool, in2: bool, pwm: bool) -> BridgeState:
     """
     if in1 == in2:
         return BridgeState.SHORT_BRAKE if in1 else BridgeState.STOP
-    driven = BridgeState.CW if in1 else BridgeState.CCW
-    return driven if pwm else BridgeState.SHORT_BRAKE
+    return BridgeState.SHORT_BRAKE if not pwm else BridgeState.CW if in1 else BridgeState.CCW
 
 
 def bridge_spans(outputs: PwmOutputs, in1: int, in2: int, pwm: int) -> tuple[Span, ...]:

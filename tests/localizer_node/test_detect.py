@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -44,6 +45,33 @@ def test_a_plain_board_gives_its_place(pose):
     (found,) = detector.detect(picture)
     assert (found.robot, found.heading_rad) == ("blue", None)
     assert math.hypot(found.x_m - pose[0], found.y_m - pose[1]) < 0.004
+
+
+PALE = {"blue": (105, 130, 200), "green": (110, 190, 130), "magenta": (190, 100, 165)}
+
+
+@pytest.mark.parametrize("robots", [TWO_COLOUR, TAGGED, PLAIN], ids=["two_colour", "tag", "plain"])
+@pytest.mark.parametrize("floor", PALE)
+@given(pose=poses, noise=st.integers(0, 12))
+@settings(max_examples=8, deadline=None)
+def test_a_robot_is_found_once_on_a_floor_of_a_paler_shade_of_its_board(robots, floor, pose, noise):
+    rig = Rig(tilt_rad=(0.03, -0.05))
+    picture = rig.floor()
+    grain = np.random.default_rng(noise).integers(-noise, noise + 1, picture.shape)
+    picture[:] = np.clip(PALE[floor] + grain, 0, 255)
+    rig.paint_robot(picture, robots[0], pose)
+    (found,) = Detector(rig.calibration(robots[:1])).detect(picture)
+    assert math.hypot(found.x_m - pose[0], found.y_m - pose[1]) < 0.006
+
+
+def test_a_robot_on_a_road_within_a_lawn_of_its_boards_colour_is_found_once():
+    rig = Rig()
+    picture = rig.floor()
+    road = picture[300:900, 300:900].copy()
+    picture[:] = PALE["blue"]
+    picture[300:900, 300:900] = road
+    rig.paint_robot(picture, PLAIN[0], (1.1, 1.3, 0.5))
+    assert len(Detector(rig.calibration(PLAIN)).detect(picture)) == 1
 
 
 @pytest.mark.parametrize("kind", ["two_colour", "tag"])

@@ -116,8 +116,7 @@ class MappedReplayBuffer(NStepReplayBuffer):
 
     def _map(self, name: str, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
         path = self.folder / name
-        size = int(np.prod(shape)) * dtype.itemsize
-        fits = path.exists() and path.stat().st_size == size
+        fits = path.exists() and path.stat().st_size == int(np.prod(shape)) * dtype.itemsize
         self.taken_over = self.taken_over and fits
         # np.asarray: indexing a plain array is several times quicker than indexing a np.memmap
         return np.asarray(np.memmap(path, dtype, mode="r+" if fits else "w+", shape=shape))
