@@ -16,6 +16,9 @@ from hypothesis import strategies as st
 from robot.errors import ConfigError
 from robot.geometry import compose, wrap_angle
 from robot.navigation.road_map import RoadMap, load_map
+from robot.recording import topics
+from robot.recording.drive_file import DriveFile, png
+from robot.recording.topics import Turn
 from sim_pybullet.look import (
     NOMINAL,
     CameraLook,
@@ -202,6 +205,24 @@ def test_commands_are_read_as_the_robots_ramp_lets_wheels_follow_them(tmp_path: 
     gained = np.abs(np.diff(drive.commands, axis=0)).max()
     assert gained == pytest.approx(0.8 * PHYSICS_DT_S)
     assert drive.acceleration_mps2 == 0.8
+
+
+def test_a_picture_that_comes_once_more_tells_nothing_new(tmp_path: Path) -> None:
+    """A camera may give what it gave before, under a number of its own."""
+    file, picture = (
+        DriveFile(tmp_path / "again.mcap", {"map": ""}),
+        np.zeros((120, 160, 3), np.uint8),
+    )
+    for k in range(90):
+        picture[0, 0, 0] = k if k % 3 else k - 1 if k else 0
+        file.add(topics.CAMERA, 0.1 * k, topics.image_message(0.1 * k, png(picture), "png"), k)
+        turn = Turn(k, 0.1 * k, 0.01, 0.0, "MANUAL", "", "", (0.1, 0.1), frame=k)
+        file.add(topics.TURN, 0.1 * k, turn.plain(), k)
+    file.close()
+    drive = read_drive(tmp_path / "again.mcap")
+    assert drive.skipped == pytest.approx(29 / 90)
+    assert [turn.number for turn in drive.turns] == [k for k in range(90) if k % 3 or not k]
+    assert len(drive.images) == len(drive.times_s) == 61
 
 
 @pytest.fixture(scope="module")

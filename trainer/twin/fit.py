@@ -165,8 +165,7 @@ def fit_twin(drives: Sequence[Recorded], spread: seen.Spread = map) -> Twin:
             f"camera, lens and colours: the map explains only {camera.share:.0%} of the pictures"
         )
     found |= _motion_of(drives, told, motion, known, unseen)
-    if any(drive.skipped for drive in drives):
-        found["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives])), 0.01
+    found["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives])), 0.01
     for name, (value, sd) in found.items():
         found[name] = value, max(sd, LEAST_SD.get(name.split(".")[1], 0.0))
     return Twin(found, tuple(unseen), camera, images[chosen], tuple(near))

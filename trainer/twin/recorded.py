@@ -68,11 +68,11 @@ def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Re
 
 def read_drive(path: Path) -> Recorded:
     """UnfitError: too short, or on a map without any pose; ConfigError: no recording."""
-    turns, frames = list[Turn](), dict[int, Any]()
+    turns, frames = list[Turn](), dict[int | None, bytes]()
     overhead, fused = list[list[float]](), list[list[float]]()
     for entry in entries(path, topics.CAMERA, topics.TURN, topics.OVERHEAD, topics.POSE):
         if entry.topic == topics.CAMERA.name:
-            frames[entry.number] = entry
+            frames[entry.number] = topics.image_bytes(entry.message())
         elif entry.topic == topics.TURN.name:
             turns.append(turn_of(path, entry))
         elif entry.topic == topics.POSE.name:
@@ -90,19 +90,19 @@ def read_drive(path: Path) -> Recorded:
     begin_s = turns[0].time_s
     turned_s = np.array([t.time_s for t in turns]) - begin_s
     grid_s = (np.arange(round(turned_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
-    before = [None, *(turn.frame for turn in turns)]
-    fresh = [t for t, b in zip(turns, before, strict=False) if t.frame != b and t.frame in frames]
-    images = [picture(topics.image_bytes(frames[t.frame or 0].message())) for t in fresh]
+    seen = [frames.get(turn.frame) for turn in turns]
+    each = zip(turns, seen, [None, *seen[:-1]], strict=True)
+    fresh = [turn for turn, now, last in each if now not in (None, last)]
+    images = [picture(frames[turn.frame]) for turn in fresh]
     begun = np.array((begin_s, 0.0, 0.0, 0.0))
     above, own = (np.array(told).reshape(-1, 4) - begun for told in (overhead, fused))
     most_mps2 = float(hat.get("acceleration_mps2", DriveLook.acceleration_mps2))
     step = most_mps2 * PHYSICS_DT_S
     asked = np.array([t.wheels for t in turns])[np.searchsorted(turned_s, grid_s, "right") - 1]
-    commands = [*accumulate(asked, lambda now, new: np.clip(new, now - step, now + step))]
-    seen_s = np.array([t.time_s - begin_s for t in fresh])
+    commands = np.array([*accumulate(asked, lambda v, new: np.clip(new, v - step, v + step))])
     skipped = 1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns))
-    told = above, own, skipped, tuple(fresh), most_mps2
-    return Recorded(map_name, np.array(commands), seen_s, np.array(images), *told)
+    told = np.array(images), above, own, skipped, tuple(fresh), most_mps2
+    return Recorded(map_name, commands, np.array([t.time_s - begin_s for t in fresh]), *told)
 
 
 def _place(message: dict[str, Any]) -> tuple[float, float, float]:
