@@ -7,7 +7,7 @@ import numpy as np
 
 from localizer_node.calibration import Colour
 
-ALIKE = (6.0, 25.0, 255.0)  # of OpenCV's hue, saturation and value: a floor of one colour
+ALIKE = (6.0, 25.0, 60.0)  # of OpenCV's hue, saturation and value: a floor of one colour
 SPARSE = 5  # pixels apart, a floor is asked for its colour
 
 
@@ -53,7 +53,7 @@ def blobs(image: np.ndarray, mask: np.ndarray, least_px: float, most_px: float) 
 
 
 def _other(image: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """The part of a mask that has not the hue and saturation of most of it."""
+    """The part of a mask that has not the hue, saturation and value of most of it."""
     hsv = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2HSV)
     some = hsv[::SPARSE, ::SPARSE][floor[::SPARSE, ::SPARSE] > 0].astype(float)
     middle = np.median(some, axis=0)
