@@ -88,8 +88,8 @@ class MotorModel:
         self._gains[i] = look.gain - look.trim, look.gain + look.trim
         self._turn_gain[i], self._noise[i] = look.turn_gain, look.noise
         self._commands.reset(i, look.delay_s / self._dt_s, np.zeros(2))
-        self._most_mps[i] = look.acceleration_mps2 * self._dt_s
-        self.twists[i] = self.counted[i] = self._ramped[i] = 0.0
+        self._most_mps[i], self._ramped[i] = look.acceleration_mps2 * self._dt_s, 0.0
+        self.twists[i] = self.counted[i] = 0.0
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """The ``twists`` after one more step at commanded rim speeds (N, 2), left and right."""
