@@ -46,8 +46,7 @@ def blobs(image: np.ndarray, mask: np.ndarray, least_px: float, most_px: float) 
             found.append(_blob(image, mask, outline, (u, v, u + width, v + height)))
         else:  # without its holes, in which others lie
             cv2.drawContours(floor, outlines, k, 255, cv2.FILLED, hierarchy=levels, maxLevel=1)
-    floor = cv2.bitwise_and(floor, mask)
-    if floor[::SPARSE, ::SPARSE].any():
+    if (floor := cv2.bitwise_and(floor, mask))[::SPARSE, ::SPARSE].any():
         found += blobs(image, _other(image, floor), least_px, most_px)
     return sorted((b for b in found if b.area_px >= least_px), key=lambda blob: -blob.area_px)
 
@@ -57,7 +56,9 @@ def _other(image: np.ndarray, floor: np.ndarray) -> np.ndarray:
     hsv = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2HSV)
     some = hsv[::SPARSE, ::SPARSE][floor[::SPARSE, ::SPARSE] > 0].astype(float)
     middle = np.median(some, axis=0)
-    off = np.array(ALIKE) + 4.0 * np.median(np.abs(some - middle), axis=0)
+    away = np.abs(some - middle)
+    off = np.array(ALIKE) + 4.0 * np.median(away, axis=0)
+    off = np.maximum(off, off * np.median((away / off).max(axis=1)) + 1.0)  # half of it, at least
     return cv2.bitwise_and(floor, cv2.bitwise_not(cv2.inRange(hsv, middle - off, middle + off)))
 
 

@@ -47,6 +47,15 @@ def test_each_paint_has_its_own_colour_in_any_light(paint, light):
     assert hit == ({paint} if paint != "white" else set())
 
 
+def test_a_carpet_of_three_shades_of_blue_is_no_board():
+    """Each shade is the odd one in hue, saturation or value, so none is like most of it."""
+    hsv = np.empty((120, 120, 3), np.uint8)
+    for k, shade in enumerate(((100, 200, 160), (115, 150, 160), (115, 200, 240))):
+        hsv[:, k::3] = shade
+    image = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)
+    assert blobs(image, np.full((120, 120), 255, np.uint8), 200.0, 1e3) == []
+
+
 def test_hues_wrap_around_red():
     red = Colour("red", 340.0, 20.0)
     hues = np.array([0, 5, 15, 90, 165, 172, 179], np.uint8)

@@ -209,10 +209,8 @@ def test_commands_are_read_as_the_robots_ramp_lets_wheels_follow_them(tmp_path: 
 
 def test_a_picture_that_comes_once_more_tells_nothing_new(tmp_path: Path) -> None:
     """A camera may give what it gave before, under a number of its own."""
-    file, picture = (
-        DriveFile(tmp_path / "again.mcap", {"map": ""}),
-        np.zeros((120, 160, 3), np.uint8),
-    )
+    file = DriveFile(tmp_path / "again.mcap", {"map": ""})
+    picture = np.zeros((120, 160, 3), np.uint8)
     for k in range(90):
         picture[0, 0, 0] = k if k % 3 else k - 1 if k else 0
         file.add(topics.CAMERA, 0.1 * k, topics.image_message(0.1 * k, png(picture), "png"), k)
