@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from robot.output import write_json, write_yaml
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.virtual import world as virtual
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin.camera import PX_PER_RAD
 from trainer.twin.colours import members, seen_from
@@ -36,6 +37,7 @@ from trainer.twin.recorded import Recorded, read_drive, read_drives
 MAP = "rings/claw"
 REPLAY_S, MISSION_S = 10.0, 30.0
 LEAST_PIXELS = 100
+ROTOR_LAG_S = 0.05  # of the virtual HAT's motors behind their driver's ramp
 AIMS = {
     **{"camera_delay_ms": 20.0, "delays_ms": 20.0, "gain": 0.02, "trim": 0.005},
     **{
@@ -95,6 +97,25 @@ def errors_of(twin: Twin, true: Look, drive: Recorded) -> Errors:
     )
 
 
+def as_bench_drives(true: Look, ramp_mps2: float, waits_s: float) -> Look:
+    """This look as a robot of the loop bench has it, in the twin's terms.
+
+    Its rotors lag and ramp by themselves, and what the look lags beyond the nominal one comes
+    after them: lags add, less the second model's step. Pictures wait for the robot's next turn.
+    """
+    beyond = virtual.beyond_nominal(true.drive)
+    lags = {
+        name: ROTOR_LAG_S + max(getattr(beyond, name) - virtual.PHYSICS_DT_S, 0.0)
+        for name in ("forward_lag_s", "turn_lag_s")
+    }
+    late_s = true.timing.camera_delay_s + waits_s
+    return replace(
+        true,
+        drive=replace(true.drive, **lags, acceleration_mps2=ramp_mps2),
+        timing=replace(true.timing, camera_delay_s=late_s),
+    )
+
+
 def replayed_cm(look: Look, true: Look, commands: np.ndarray) -> float:
     """How far from each other two robots end under commands (K, 2): the mean of all 10 s."""
     looks = [[getattr(each.drive, name) for name in NAMES] for each in (look, true)]
@@ -150,6 +171,9 @@ def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
         if not (drives := recorded(options, look, k, folder / str(k))):
             continue
         shutil.rmtree(folder / str(k))
+        if options.processes:
+            waits_s = np.mean([t.frame_age_s or 0.0 for each in drives for t in each.turns])
+            look = as_bench_drives(look, drives[0].acceleration_mps2, float(waits_s))
         twin = fit_twin(drives)
         drive = max(drives, key=attrgetter("seconds"))
         found.append(errors_of(twin, look, drive))

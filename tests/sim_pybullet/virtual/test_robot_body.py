@@ -11,6 +11,7 @@ from sim_pybullet.motors import MotorModel
 from sim_pybullet.town import Town
 from sim_pybullet.virtual.world import RolledWheels, beyond_nominal
 from tests.robot.hat.rig import make_rig
+from tests.trainer.judge_twin import as_bench_drives
 
 DT_S = 1 / 60
 
@@ -38,15 +39,17 @@ def test_the_town_goes_where_the_step_odometry_says(drive: str, off_m: float) ->
     assert abs(math.remainder(pose.heading_rad - expected.heading_rad, 2 * math.pi)) < 4 * off_m
 
 
-def test_the_motor_model_turns_as_the_robots_own_ramp_lets_it() -> None:
+@pytest.mark.parametrize("lag_s", [0.08, 0.19])
+def test_the_motor_model_turns_as_the_robots_own_ramp_lets_it(lag_s: float) -> None:
     """Five actions at random for 20 s; a lag without a ramp cannot tell where the robot heads."""
+    look = replace(NOMINAL, drive=replace(NOMINAL.drive, forward_lag_s=lag_s, turn_lag_s=lag_s))
     rig, rng = make_rig(), np.random.default_rng(1)
     rolled, headings = RolledWheels(rig.hat, rig.clock), [np.zeros(3)]
     own, ramped, lagging = MotorModel(1, DT_S), MotorModel(1, DT_S), MotorModel(1, DT_S)
-    own.reset(0, beyond_nominal(NOMINAL.drive))
-    steady = replace(NOMINAL.drive, noise=0.0)
-    ramped.reset(0, replace(steady, forward_lag_s=0.05, turn_lag_s=0.05, acceleration_mps2=0.8))
-    lagging.reset(0, replace(steady, forward_lag_s=0.1, turn_lag_s=0.1, delay_s=0.08))
+    own.reset(0, beyond_nominal(look.drive))
+    ramped.reset(0, replace(as_bench_drives(look, 0.8, 0.0).drive, noise=0.0))
+    lagged = {"forward_lag_s": lag_s + 0.02, "turn_lag_s": lag_s + 0.02, "delay_s": 0.08}
+    lagging.reset(0, replace(NOMINAL.drive, noise=0.0, **lagged))
     with rig.driver:
         for action in [2, 2, *rng.integers(5, size=65)]:
             for _ in range(18):
