@@ -71,8 +71,9 @@ def _told(error: BaseException) -> Tuple[Optional[str], int]:
     extra = _EXTRA_OF.get(str(getattr(error, "name", "")).split(".")[0])
     if not isinstance(error, ModuleNotFoundError) or extra is None:
         return None, FAILED
-    package = f"'duckpilot[{extra}]'" if extra else "duckpilot"
-    return f"expected the package {error.name}, found none; pip install {package} brings it", WRONG
+    package = f"'.[{extra}]'" if extra else "."
+    told = f"expected the package {error.name}, found none; in a clone pip install {package}"
+    return f"{told} brings it", WRONG
 
 
 class OneLineParser(argparse.ArgumentParser):

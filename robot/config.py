@@ -77,6 +77,8 @@ class RobotConfig:
                 f"hat.max_speed_mps: expected at least safety.max_wheel_mps "
                 f"{self.safety.max_wheel_mps:g}, got {self.hat.max_speed_mps:g}; lower the other"
             )
+        # A monitor that is silent for 2 s is forgotten: then others' word counts.
+        expect_between("safety.link_age_s", self.safety.link_age_s, 0.0, 1.5)
         if self.hat.command_timeout_s < 2.0 * CONTROL_DT_S:
             told = f"two decisions, {2 * CONTROL_DT_S:g} s, got {self.hat.command_timeout_s:g}"
             raise ConfigError(f"hat.command_timeout_s: expected at least {told}")

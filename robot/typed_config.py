@@ -12,7 +12,7 @@ import json
 import reprlib
 import typing
 from pathlib import Path
-from typing import Any, Dict, Optional, Tuple, Type, TypeVar, Union
+from typing import Any, Dict, Mapping, Optional, Tuple, Type, TypeVar, Union
 
 from robot.errors import ConfigError, nearest
 
@@ -66,6 +66,14 @@ def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
     if missing:
         raise ConfigError(f"{label}: missing {', '.join(missing)}")
     return kind(**values)
+
+
+def named_file(kind: str, source: Union[str, Path], shipped: Mapping[str, Path]) -> Path:
+    """A path that exists, or else the shipped one of that name; ConfigError for neither."""
+    path = Path(source)
+    if not path.exists() and str(source) not in shipped:
+        raise ConfigError(f"{kind} {str(source)!r}: no such file; {nearest(str(source), shipped)}")
+    return path if path.exists() else shipped[str(source)]
 
 
 def load_yaml(kind: Type[T], path: Union[str, Path]) -> T:

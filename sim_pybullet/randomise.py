@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from robot.errors import ConfigError, expect_one_of, nearest
-from robot.typed_config import read_yaml, to_plain
+from robot.errors import ConfigError, expect_one_of
+from robot.typed_config import named_file, read_yaml, to_plain
 from sim_pybullet.look import NOMINAL, POSE_ERRORS, Look, look_from_plain
 
 LOOKS_DIR = Path(__file__).parent / "looks"
@@ -54,7 +54,7 @@ def shipped_looks() -> dict[str, Path]:
 
 def looks_of(source: str | Path) -> list[Path]:
     """The files of a folder of looks; of a file itself; names as of `load_looks`."""
-    path = _find(source)
+    path = named_file("look", source, shipped_looks())
     return _looks_in(path) if path.is_dir() else [path]
 
 
@@ -79,7 +79,7 @@ def load_look_sampler(
 
     ConfigError: no such file or name, an unknown key, or a distribution that cannot be drawn.
     """
-    path = _find(source)
+    path = named_file("look", source, shipped_looks())
     if path.is_dir():
         return Sites(load_look_sampler(file, pose_error, without) for file in _looks_in(path))
     sample = look_sampler(_without(read_yaml(path), without), where=str(path))
@@ -111,17 +111,9 @@ def _without(data: Any, names: Sequence[str]) -> Any:
 
 
 def _looks_in(folder: Path) -> list[Path]:
-    return sorted(folder.rglob("*.yaml"))
-
-
-def _find(source: str | Path) -> Path:
-    path = Path(source)
-    if path.exists():
-        return path
-    shipped = shipped_looks()
-    if str(source) not in shipped:
-        raise ConfigError(f"look {str(source)!r}: no such file; {nearest(str(source), shipped)}")
-    return shipped[str(source)]
+    if not (files := sorted(folder.rglob("*.yaml"))):
+        raise ConfigError(f"{folder}: expected looks (.yaml) in this folder, got none")
+    return files
 
 
 def look_sampler(data: Any, where: str = "look") -> Sampler:

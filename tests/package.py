@@ -39,15 +39,15 @@ CALLS: dict[str, tuple[tuple[str, int, str], ...]] = {
         ("infer --model {model} --images pictures --json out.json", 0, "STRAIGHT"),
         ("keygen keys", 0, "keys"),
         ("localizer locate --image pictures/a.ppm --calibration none.yaml", 2, "none.yaml"),
-        ("train --out run", 2, "pip install 'duckpilot[trainer"),
+        ("train --out run", 2, "pip install '.[trainer"),
     ),
     "trainer": (
         ("train --algo ppo --preset debug --steps 64 --out run", 0, "run"),
         ("export run", 0, "model.onnx"),
         ("loop --laps 0.02 --model {model} --json laps.json", 0, "laps"),
-        ("monitor --demo", 2, "pip install 'duckpilot[monitor]'"),
+        ("monitor --demo", 2, "pip install '.[monitor]'"),
     ),
-    "monitor": (("monitor --demo", 2, "pip install 'duckpilot[trainer"),),
+    "monitor": (("monitor --demo", 2, "pip install '.[trainer"),),
     "trainer,monitor": (),  # served, see `serve`
     "trainer,scale": (("train --ray auto --out runs", 2, "running cluster"),),
 }

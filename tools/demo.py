@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot.errors import expect_between
+from robot.errors import ConfigError, expect_between
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_folder, write_json
 from robot.typed_config import read_json, read_yaml
@@ -107,8 +107,10 @@ def demo_command(out: Path = Path("runs/demo"), seed: int = 0, seconds: float = 
     expect_between("seconds", seconds, 1.0, 1e6)
     expect_folder(out)
     console = Console()
-    if (out / "metrics.json").exists():  # the last demo ended: this is a new one
-        shutil.rmtree(out)
+    if (last := out / "metrics.json").exists():
+        if "loop_laps" not in last.read_text():
+            raise ConfigError(f"{out}: expected a new folder, or one of a demo; choose another")
+        shutil.rmtree(out)  # the last demo ended: this is a new one
     out.mkdir(parents=True, exist_ok=True)
     try:
         total_s = sum(run_stage(stage, console) for stage in stages(out, seed, seconds))

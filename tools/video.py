@@ -103,7 +103,6 @@ class DriveFilm:
         except ContractError:  # a network without convolutions looks nowhere in particular
             self._explainer = None
         self._video = Mp4(path, 1.0 / every_s, QUALITY)
-        self.filmed = False
 
     def turn_to(self, ground: Ground) -> None:
         """Go on on another floor."""
@@ -114,13 +113,11 @@ class DriveFilm:
         """One more picture."""
         before, self._before = self._before or moment.pose, moment.pose
         moved_m = math.hypot(moment.pose.x_m - before.x_m, moment.pose.y_m - before.y_m)
-        self.filmed = True
         self._video.add(self._picture(moment, moved_m / self._every_s))
 
     def close(self) -> None:
         """Complete the video, if there is anything in it."""
-        if self.filmed:
-            self._video.close()
+        self._video.close()
 
     def _picture(self, moment: Moment, speed_mps: float) -> np.ndarray:
         picture = np.full((SIZE_PX[1], SIZE_PX[0], 3), PAGE, np.uint8)
@@ -129,18 +126,14 @@ class DriveFilm:
             weights = cv2.resize(weights_over(self._explainer, seen), seen.shape[1::-1])[..., None]
             lit = (1.0 - 0.75 * weights) * seen + 0.75 * weights * np.array(LIGHT, np.float32)
             seen = np.asarray(lit, np.uint8)
-        _put(picture, cv2.resize(seen, CAMERA_PX, interpolation=cv2.INTER_CUBIC), (0, 0))
-        left, top, width, height = MAP_BOX
-        above = self.map.draw(moment)
-        free = width - above.shape[1], height - above.shape[0]
-        _put(picture, above, (left + free[0] // 2, top + free[1] // 2))
+        large = cv2.resize(seen, CAMERA_PX, interpolation=cv2.INTER_CUBIC)
+        picture[: CAMERA_PX[1], : CAMERA_PX[0]] = large
+        (left, top, width, height), above = MAP_BOX, self.map.draw(moment)
+        left, top = left + (width - above.shape[1]) // 2, top + (height - above.shape[0]) // 2
+        picture[top : top + above.shape[0], left : left + above.shape[1]] = above
         _draw_values(picture, moment, self._actions)
         _draw_state(picture, moment, speed_mps)
         return picture
-
-
-def _put(picture: np.ndarray, part: np.ndarray, at: tuple[int, int]) -> None:
-    picture[at[1] : at[1] + part.shape[0], at[0] : at[0] + part.shape[1]] = part
 
 
 def _draw_values(picture: np.ndarray, moment: Moment, actions: ActionTable) -> None:

@@ -41,7 +41,7 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "structure": (0.0, 1e6),
     "rate_hz": (0.1, 1e4),
 }
-_OUT_IS_FILE = ("export", "parse export", "plot", "split", "cut")
+_OUT_IS_FILE = ("export", "fit", "parse export", "plot", "split", "cut")
 
 
 @dataclass(frozen=True)

@@ -33,15 +33,14 @@ class Mp4:
         self._writer.send(np.ascontiguousarray(frame).tobytes())
 
     def close(self) -> None:
-        """Complete it; ValueError if it has no frame."""
-        if self._writer is None:
-            raise ValueError(f"{self._path}: expected at least one frame, got none")
-        self._writer.close()
-        os.replace(self._partial, self._path)
+        """Complete it, if it has a frame."""
+        if self._writer is not None:
+            self._writer.close()
+            os.replace(self._partial, self._path)
 
 
 def write_mp4(path: Path, frames: Iterable[np.ndarray], frames_per_s: float) -> None:
-    """A video of these frames (H, W, 3) uint8 RGB; ValueError without any."""
+    """A video of these frames (H, W, 3) uint8 RGB; none without any."""
     video = Mp4(path, frames_per_s)
     for frame in frames:
         video.add(frame)

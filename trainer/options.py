@@ -23,7 +23,7 @@ ZEROS = ("image", "path", "junctions")
 class TrainOptions:
     """How a policy is trained; every name is an option of ``train`` and a key of its matrix."""
 
-    task: str = "lane"  # lane, navigation or track.
+    task: str = "lane"  # lane, navigation, traffic or track.
     algo: str = "dueling"  # ddqn, dueling, a2c, a3c, ppo, dagger or coached.
     preset: str = "fast"  # paper, fast or debug.
     map: tuple[str, ...] = ()  # Map or track files, or shipped names or folders; else the task's.
@@ -90,7 +90,7 @@ class EvaluateOptions:
 
     model: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""  # A policy, .onnx.
     task: str = ""
-    """lane, four_laps, hundred_laps, navigation, manoeuvres or track; else the policy's own."""
+    """lane, four_laps, hundred_laps, navigation, manoeuvres, traffic, track; else the policy's."""
     map: tuple[str, ...] = ()  # Map or track files, or shipped names or folders; else the task's.
     lane: str | None = None  # Of rings: outer, inner (the other way round) or both, in turn.
     look: str = "nominal"  # A YAML file with a look or a distribution of looks, or a shipped name.

@@ -39,7 +39,7 @@ def appearing(folder: Path) -> Iterator[Path]:
 
 def refuse_run(folder: Path) -> None:
     """ConfigError if a run lies in a folder."""
-    if (folder / CONFIG).exists():
+    if any((folder / name).exists() for name in (CONFIG, "model.onnx")):
         raise ConfigError(
             f"{folder}: expected no run here yet, got one; "
             "add --resume to go on with it, or choose another --out"

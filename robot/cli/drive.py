@@ -81,6 +81,7 @@ def run(options: argparse.Namespace) -> None:
     config = load_yaml(RobotConfig, options.config)
     ended: List[bool] = []
     on_ending(lambda *_: ended.append(True))
+    getattr(sys.stdin, "reconfigure", dict)(errors="replace")  # else a wrong byte deafens it
     terminal = Terminal(sys.stdin, _say)
     notify = notify_socket()
     pads = (Gamepad(options.gamepad),) if options.gamepad else ()

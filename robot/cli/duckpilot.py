@@ -66,7 +66,7 @@ def _run(words: List[str]) -> Optional[int]:
         got = f"unknown command {name[:80]!r}" if name else "expected a command, got none"
         said = f"{got}; {nearest(name, known)}"
         if len(groups) < 3:
-            said += "; the others need Python 3.11 and pip install 'duckpilot[trainer,monitor]'"
+            said += "; the others need Python 3.11 and pip install '.[trainer,monitor]'"
         print(f"{NAME}: {one_line(said)}; see {NAME} --help", file=sys.stderr)
         return WRONG
     program = known[name]

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Do it; DuckpilotError for a wrong model, a folder without pictures, no place for results."""
-    expect_writable(options.json, inputs=[options.model])
+    expect_writable(options.json, inputs=[options.model, *picture_files(options.images)])
     policy = OnnxPolicy(options.model)
     images, skipped = label(policy, options.images)
     inputs = {

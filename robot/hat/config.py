@@ -95,9 +95,10 @@ class HatConfig:
         _expect(self.bus >= 0, "bus", "the number of /dev/i2c-<bus>", self)
         _expect(0 < self.bus_hz <= 1_000_000, "bus_hz", "at most 1000000 (Fast-mode Plus)", self)
         self._check_addresses()
-        for name, value in vars(self).items():
-            if name.endswith(("_rev", "_s", "_mps", "_mps2")):  # all times, speeds and steps
-                _expect(0.0 < value < math.inf, name, "a positive number", self)
+        for part in (self, self.drive):
+            for name, value in vars(part).items():
+                if name.endswith(("_rev", "_s", "_m", "_mps", "_mps2")):  # times, lengths, speeds
+                    _expect(0.0 < value < math.inf, name, "a positive number", part)
         if self.microsteps not in MICROSTEPS:
             raise ConfigError(f"microsteps: expected one of {MICROSTEPS}, got {self.microsteps}")
         _expect(0.0 < self.run_duty <= 1.0, "run_duty", "0 < run_duty <= 1", self)
@@ -142,6 +143,6 @@ class HatConfig:
         return (self.step_m * self.left.gain, self.step_m * self.right.gain)
 
 
-def _expect(holds: bool, name: str, expected: str, config: HatConfig) -> None:
+def _expect(holds: bool, name: str, expected: str, config: object) -> None:
     if not holds:
         raise ConfigError(f"{name}: expected {expected}, got {getattr(config, name)!r}")

@@ -122,9 +122,10 @@ class MotorThread(Worker):
     @contextmanager
     def _commanding(self) -> Iterator[None]:
         with self._guard:
-            self.check()
             if not self.alive:
-                raise HardwareError("motor thread: expected it to run, it has ended")
+                told = f"motor thread: expected it to run, it has ended: {self._died!r}"
+                self.check() if self._driver.fault else self._driver.fail(HardwareError(told))
+                raise HardwareError(told)
             yield
         self._alarm.set()
 

@@ -180,8 +180,8 @@ class MissionNavigator:
     def on_tick(self, tick: Tick) -> None:
         """A mission ends when the policy no longer drives: nobody may resume it unawares."""
         state = tick.verdict.state
-        if self._driving and state is not State.AUTO:
-            if self._finding is not None:
+        if state is not State.AUTO and (self._driving or self._path is not None):
+            if self._driving and self._finding is not None:
                 self._finding.learned = not self._on_mission and self._finding.sure
             self.end("stopped", tick.verdict.sentence)
         self._driving = state is State.AUTO

@@ -59,7 +59,7 @@ def records(path: PathLike) -> Iterator[Any]:
             reader = StreamReader(stream, validate_crcs=True, record_size_limit=RECORD_LIMIT_BYTES)
             try:
                 yield from reader.records
-            except (McapError, ZstdError, ValueError, struct.error):
+            except (McapError, ZstdError, ValueError, struct.error, MemoryError, OverflowError):
                 return  # cut off, or damaged from here on
     except OSError as error:
         raise ConfigError(f"{path}: expected a recording, got: {error.strerror}") from error
@@ -162,10 +162,10 @@ def copy(
     the place of what has their names; everything else that is not an index goes along. OSError: the
     disk is full.
     """
-    from mcap.records import Attachment, Channel, Message, Metadata, Schema
+    from mcap.records import Attachment, Channel, Footer, Message, Metadata, Schema
     from mcap.writer import Writer
 
-    next(records(source), None)  # refuses another kind of file before anything is written
+    r: Any = next(records(source), None)  # refuses another kind of file before anything is written
     schemas: Dict[int, int] = {}
     channels: Dict[int, Tuple[int, str]] = {}
     count = 0
@@ -191,6 +191,8 @@ def copy(
         for name, facts in notes.items():
             writer.add_metadata(name, facts or {"messages": str(count)})
         writer.finish()
+        if source == target and not isinstance(r, Footer):  # what lies behind would be lost
+            raise ConfigError(f"{source}: expected a whole recording, it is damaged; cut a new one")
     return count
 
 
@@ -225,10 +227,10 @@ def cut(path: Path, target: Path) -> int:
     That are the good pieces (all, without any), less the bad ones. The source stays as it is.
     """
     pieces = read_pieces(path)
-    count = copy(path, target, lambda topic, time_s: kept(pieces, topic, time_s), {})
-    if not count:
-        target.unlink()
-        raise ConfigError(f"{path}: expected something to keep, all of it is cut")
+    with atomically(target) as hidden:
+        count = copy(path, hidden, lambda topic, time_s: kept(pieces, topic, time_s), {})
+        if not count:
+            raise ConfigError(f"{path}: expected something to keep, all of it is cut")
     return count
 
 

@@ -55,9 +55,9 @@ class Gamepad:
     def _take(self, kind: int, value: int, number: int, ask: Ask) -> None:
         if kind & ~AT_OPENING == AXIS:
             self._axes[number] = max(-1.0, value / FULL)
-        elif kind == BUTTON and number == HELD:
-            self._held = value == 1
-        elif kind == BUTTON and value == 1 and number in ASKS:
+        elif number == HELD:  # what the kernel tells anew, after events were lost, never drives
+            self._held = value == 1 and (self._held or kind == BUTTON)
+        elif value == 1 and number in ASKS and (kind == BUTTON or ASKS[number] is Command.STOP):
             self._held = self._drives = False  # to drive by hand again, press LB again
             ask(ASKS[number], None)
 

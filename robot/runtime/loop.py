@@ -255,5 +255,6 @@ class Runtime:
                 before = self.safety.verdict
                 sentence = f"{reason.value}: {str(error) or type(error).__name__}"
                 if self.safety.fault(reason, sentence) is not before:
+                    self._rest_unless_moving()  # before the log, which may be slow
                     logger.error("fault: %s", sentence, exc_info=error)
             return False, None

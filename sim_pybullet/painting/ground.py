@@ -246,13 +246,9 @@ def _curve(planes: np.ndarray, x: np.ndarray, z: np.ndarray, scale: float) -> No
     radius, angle = np.hypot(0.5 - x, z + 0.5), np.arctan2(z + 0.5, 0.5 - x)
     lanes = tile_lanes(Tile("curve_left", 0, 0, 0), 1.0, 1)
     outer, inner = (_polar_radius(lane.control_points_m - 0.5, angle) for lane in lanes)
-    across = np.where(
-        radius < inner,
-        0.3 * radius / inner,
-        np.where(
-            radius < outer, 0.3 + 0.4 * (radius - inner) / (outer - inner), 0.7 + radius - outer
-        ),
-    )
+    between, beyond = 0.3 + 0.4 * (radius - inner) / (outer - inner), 0.7 + radius - outer
+    parts = (0.3 * radius / inner, between)
+    across = np.select((radius < inner, radius < outer), parts, beyond)
     _lane_markings(planes, across, angle / (0.5 * np.pi), 6, scale)
 
 

@@ -121,10 +121,11 @@ def _lay_junction(canvas: _Canvas, road_map: RoadMap, tile: Tile) -> None:
         left = np.array((-direction[1], direction[0]))  # seen on the way out
         if not is_open[k]:
             ends = centre + tile_m * (0.432 * direction + 0.5 * np.outer((-1, 1), left))
-            canvas.white(_line(*ends))
+            canvas.white(np.linspace(ends[0], ends[1], 12))
             continue
-        stop = centre + tile_m * (0.46 * direction + np.outer((0.03, 0.4), left))
-        canvas.tape(_line(*stop), _RED_WIDTH_M, canvas.look.red_rgb, SemanticClass.RED_LINE)
+        ends = centre + tile_m * (0.46 * direction + np.outer((0.03, 0.4), left))
+        stop = np.linspace(ends[0], ends[1], 12)
+        canvas.tape(stop, _RED_WIDTH_M, canvas.look.red_rgb, SemanticClass.RED_LINE)
         if is_open[(k + 1) % 4]:
             corner = centre + 0.5 * tile_m * (direction + left)
             angles = np.linspace(0.0, 0.5 * math.pi, 12)
@@ -177,7 +178,3 @@ def _offset(lane: Lane, left_m: float, points: int = 24) -> np.ndarray:
     tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
     normals = np.stack((-tangents[:, 1], tangents[:, 0]), 1)
     return bezier_points(lane.control_points_m, t) + left_m * normals
-
-
-def _line(begin: np.ndarray, end: np.ndarray, points: int = 12) -> np.ndarray:
-    return begin + np.linspace(0.0, 1.0, points)[:, None] * (end - begin)

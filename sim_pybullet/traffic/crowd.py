@@ -119,8 +119,9 @@ class Crowd:
     def __init__(self, streets: Streets, how: Scenario, groups: int) -> None:
         self._streets, self._how = streets, how
         self.ours, self._parked = len(how.robots_pcs), len(how.robots_parked)
-        cars = len(how.robots_npcs) + _most(streets.movers, "duckiebot")
-        ducklings = how.nduckies + _most(streets.movers, "duckie")
+        kinds = [[thing.kind for thing in each] for each in streets.movers]
+        cars = len(how.robots_npcs) + max(each.count("duckiebot") for each in kinds)
+        ducklings = how.nduckies + max(each.count("duckie") for each in kinds)
         self.drivers = Drivers(groups, cars, streets.tours[0][0])
         self.ducks = Ducks(groups, ducklings)
         self.lights = Lights(groups, max(map(len, streets.lights)))
@@ -299,10 +300,6 @@ class Crowd:
         line_m = np.where(coming == NO_JUNCTION, np.inf, (first + 0.5) * STEP_M)
         red = self.lights.red(coming, poses[..., 2])
         return Approach(coming, line_m, inside, free_m, red, ttc_s)
-
-
-def _most(movers: list[tuple[MapObject, ...]], kind: str) -> int:
-    return max(sum(thing.kind == kind for thing in each) for each in movers)
 
 
 def duck_solids() -> Mover:

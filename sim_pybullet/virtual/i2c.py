@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 from collections import deque
 from enum import Enum
-from typing import NoReturn
 
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
 
@@ -44,13 +43,13 @@ class VirtualI2cBus:
         device, partial = self._answering(address, len(data))
         sent = data[: len(data) // 2] if partial else data
         if not device.write(bytes(sent)) or partial:
-            _not_acknowledged()
+            raise OSError(errno.EREMOTEIO, "Remote I/O error")
 
     def read(self, address: int, register: int, count: int) -> bytes:
         """One write and one read message joined by a repeated START."""
         device, partial = self._answering(address, count)
         if not device.write(bytes((register,))) or partial:
-            _not_acknowledged()
+            raise OSError(errno.EREMOTEIO, "Remote I/O error")
         return device.read(register, count)
 
     def _answering(self, address: int, size: int) -> tuple[Pca9685Registers, bool]:
@@ -62,9 +61,5 @@ class VirtualI2cBus:
             raise OSError(errno.ETIMEDOUT, "Connection timed out")
         there = [device for device in self._devices if device.address == address]
         if fault is BusFault.NACK or not there:
-            _not_acknowledged()
+            raise OSError(errno.EREMOTEIO, "Remote I/O error")
         return there[0], fault is BusFault.PARTIAL
-
-
-def _not_acknowledged() -> NoReturn:
-    raise OSError(errno.EREMOTEIO, "Remote I/O error")

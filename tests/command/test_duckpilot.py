@@ -144,7 +144,7 @@ def test_an_older_python_offers_the_robots_commands_only(
     offered = {line.split()[0] for line in told.splitlines() if line}
     assert not {"train", "monitor", "loop"} & offered
     assert duckpilot.main(["train"]) == 2
-    assert "Python 3.11 and pip install 'duckpilot[trainer,monitor]'" in capsys.readouterr().err
+    assert "Python 3.11 and pip install '.[trainer,monitor]'" in capsys.readouterr().err
 
 
 def test_what_a_command_says_bears_the_name_that_was_typed(

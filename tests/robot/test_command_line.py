@@ -31,7 +31,7 @@ def raising(error: BaseException) -> int:
         (
             ModuleNotFoundError("No module named 'tyro'", name="tyro"),
             2,
-            "tool: expected the package tyro, found none; pip install 'duckpilot[trainer]' "
+            "tool: expected the package tyro, found none; in a clone pip install '.[trainer]' "
             "brings it\n",
         ),
     ],

@@ -19,6 +19,15 @@ def test_the_model_is_enough() -> None:
     assert from_plain(RobotConfig, to_plain(config)) == config
 
 
+def test_a_monitor_is_waited_for_no_longer_than_until_it_is_forgotten() -> None:
+    """After 2 s another monitor's word counts, so by then the robot must have stopped."""
+    safety = {"safety": {"link_age_s": 1.5}}
+    assert from_plain(RobotConfig, {"model": "m.onnx", **safety}).safety.link_age_s == 1.5
+    safety["safety"]["link_age_s"] = 2.0
+    with pytest.raises(ConfigError, match=r"safety\.link_age_s: expected 0\.0 to 1\.5, got 2\.0"):
+        from_plain(RobotConfig, {"model": "m.onnx", **safety})
+
+
 def test_a_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(

@@ -141,6 +141,8 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     ]
     assert main(["plot", own, "--out", str(tmp_path / "plot.png")]) == 0
     assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["plot", own, "--out", str(tmp_path / "plot")]) == 0
+    assert (tmp_path / "plot").read_bytes().startswith(b"\x89PNG"), "whatever its name"
     assert main(["split", own, "--out", str(tmp_path / "split.json")]) == 0
     one = f"{own}/a.mcap"
     began_s = next(read_samples(one)).time_s

@@ -67,7 +67,7 @@ def test_without_pyarrow_the_extra_is_named(
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
     drive = recorded(tmp_path / "own", "a")
     assert main(["to-lerobot", str(drive), "--out", str(tmp_path / "dataset")]) == 2
-    assert "duckpilot[lerobot]" in capsys.readouterr().err
+    assert "pip install '.[lerobot]'" in capsys.readouterr().err
     assert not (tmp_path / "dataset").exists()
 
 

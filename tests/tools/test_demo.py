@@ -4,10 +4,12 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from robot.errors import ConfigError
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import load_map
-from tools.demo import stages, summarise
+from tools.demo import demo_command, stages, summarise
 from trainer.division import maps_named, part_of
 
 
@@ -53,3 +55,11 @@ def test_its_figures_say_where_and_keep_their_keys(tmp_path: Path) -> None:
     assert [metrics[key] for key in kept] == [60.0, 9000, 0.95, 2.01, 170.0]
     assert metrics["judged_on"] not in metrics["learned_on"]
     assert part_of(load_map(metrics["judged_on"])) == "judging"
+
+
+def test_it_clears_away_no_work_but_its_own(tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_text('{"train_seconds": 60.0}')
+    (tmp_path / "model.onnx").write_text("trained for a day")
+    with pytest.raises(ConfigError, match="expected a new folder, or one of a demo"):
+        demo_command(tmp_path)
+    assert (tmp_path / "model.onnx").read_text() == "trained for a day"

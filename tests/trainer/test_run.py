@@ -61,6 +61,12 @@ def test_a_second_run_in_one_folder_is_refused(tmp_path: Path) -> None:
         refuse_run(tmp_path)
 
 
+def test_a_run_takes_no_place_of_a_taught_policy(tmp_path: Path) -> None:
+    (tmp_path / "model.onnx").write_text("taught")
+    with pytest.raises(ConfigError, match="choose another --out"):
+        refuse_run(tmp_path)
+
+
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="expected the folder of a run"):
         RunFolder(tmp_path).load_config()

@@ -231,6 +231,8 @@ def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_
     assert (proof.drives, proof.succeeded, proof.low) == (0, 0, 0.0)
     assert proof.foretold > 0.9 * proof.steered > 75
     assert contract.unproven == ""
+    with pytest.raises(ConfigError, match="expected no taught policy here yet"):
+        teach_command((unmapped,), out=tmp_path / "taught", steps=60)
     assert proof.sentence == (
         f"never driven; steers as the person did in {proof.foretold} of {proof.steered} "
         "held-out moments"

@@ -175,7 +175,7 @@ def test_a_missing_extra_is_told_with_what_brings_it(call: str, extra: str, tmp_
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
     assert (ended.returncode, ended.stderr.count("\n")) == (2, 1), ended.stderr
-    assert f"pip install 'duckpilot[{extra}]'" in ended.stderr
+    assert f"pip install '.[{extra}]'" in ended.stderr
     assert list(tmp_path.iterdir()) == []
 
 

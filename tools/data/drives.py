@@ -87,7 +87,7 @@ def plot(drives: Sequence[Path], out: Path) -> None:
             axes.axvspan(piece.from_s - began_s, piece.to_s - began_s, color=tint, alpha=0.2)
         axes.set(title=path.stem, ylim=(-1.3, 1.3), ylabel="left 1, speed 1")
     rows[-1].set_xlabel("s; line: steering, dots: speed; blue: policy, orange: person")
-    figure.savefig(str(out))
+    figure.savefig(str(out), format="png")
 
 
 def write_drive(folder: Path, name: str, robot: str, samples: Iterable[reader.Sample]) -> Path:

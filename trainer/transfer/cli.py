@@ -125,7 +125,8 @@ def translate_train_command(
             raise ConfigError("translate train: expected --sim and --real folders, got none")
         config = translation_preset(preset, tuple(map(str, sim)), tuple(map(str, real)))
         for each in (*sim, *real):
-            next(pictures_of(each))  # refused before anything is written
+            if next(pictures_of(each), None) is None:  # refused before anything is written
+                raise ConfigError(f"{each}: expected pictures, got none")
         given: dict[str, Any] = {"steps": steps, "structure": structure}
         asked = {name: value for name, value in given.items() if value is not None}
         return replace(config, seed=seed, **asked)

@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 
 from robot.camera.files import read_picture
-from robot.errors import ConfigError, nearest
-from robot.typed_config import load_yaml
+from robot.errors import ConfigError
+from robot.typed_config import load_yaml, named_file
 from sim_pybullet.scene import SemanticClass
 from trainer.config import expect_one_of
 from trainer.transfer.cli import ParseOptions, is_collection
@@ -199,10 +199,7 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
 
 def load_annotations(source: str) -> Annotations:
     """Annotations from a file, or the name of shipped ones; ConfigError if there are none."""
-    path = Path(source) if Path(source).exists() else SHIPPED.get(source)
-    if path is None:
-        raise ConfigError(f"annotations {source!r}: no such file; {nearest(source, SHIPPED)}")
-    return load_yaml(Annotations, path)
+    return load_yaml(Annotations, named_file("annotations", source, SHIPPED))
 
 
 def load_drawn(annotations: Annotations, photographs: Path, size: tuple[int, int]) -> Labelled:

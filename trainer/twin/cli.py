@@ -74,11 +74,12 @@ def teach_command(
     from trainer.export import export_network
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
-    from trainer.twin.teach import TeachConfig, base_file, load_base, pose_error, teach
+    from trainer.twin.teach import TeachConfig, base_file, load_base, new_model, pose_error, teach
     from trainer.twin.translation import twin_to_real
 
     console, path = Console(soft_wrap=True, highlight=False), base_file(base)
     network, contract = load_base(path)
+    model = new_model(out)
     seen, places, road_map = _fit(recordings, out / "twin.yaml", console)
     person, held_out = (examples_of(seen, places, contract, late) for late in (False, True))
     if not road_map and (cyclegan or contract.path_points or not len(person.actions)):
@@ -86,15 +87,14 @@ def teach_command(
     twin = road_map and (road_map, load_look_sampler(out / "twin.yaml", pose_error(contract)))
     options = TeachConfig() if twin else TeachConfig(900, recorded=TeachConfig.batch)
     options = replace(options, steps=options.steps if steps is None else steps)
-    shown = None
-    if cyclegan:
-        shown = twin_to_real(recordings, contract.image, out, cyclegan, seed, console)
+    how = contract.image, out, cyclegan, seed, console
+    shown = twin_to_real(recordings, *how) if cyclegan else None
     with console.status("teaching"):
         teach(network, contract, twin, person, options, seed, shown)
     count = contract.trained_steps + (2 if twin else 1) * options.steps * options.robots
     taught = replace(contract, run=out.name, taught_from=path.stem, trained_steps=count, score=None)
     out.mkdir(parents=True, exist_ok=True)
-    export_network(network, taught, model := out / "model.onnx")
+    export_network(network, taught, model)
     with Progress(console=console) as bar:
         row = bar.add_task("proof", total=2 * drives)
         given = twin, held_out, drives, lambda _: bar.advance(row)

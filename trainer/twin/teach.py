@@ -16,7 +16,7 @@ from onnx import numpy_helper
 from torch.nn.functional import cross_entropy
 
 from robot.contract import FIVE_ACTIONS, PolicyContract
-from robot.errors import ContractError
+from robot.errors import ConfigError, ContractError, DuckpilotError
 from robot.inference.policy import SHIPPED_MODELS, Translator, read_contract
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
@@ -56,6 +56,13 @@ def base_file(name: str) -> Path:
     return shipped if shipped.exists() else Path(name)
 
 
+def new_model(folder: Path) -> Path:
+    """Where a taught policy is to lie; ConfigError if one lies there that was proven."""
+    if (path := folder / "model.onnx").exists() and read_contract(path).proof:
+        raise ConfigError(f"{path}: expected no taught policy here yet; choose another --out")
+    return path
+
+
 def load_base(path: Path) -> tuple[GreedyNetwork, PolicyContract]:
     """The network in an ONNX file that this trainer wrote, its weights with it.
 
@@ -73,7 +80,7 @@ def load_base(path: Path) -> tuple[GreedyNetwork, PolicyContract]:
             network.head = unhedged(network.head)
         network.load_state_dict(weights)
         check_equal(network, path, noise_seen(contract, 16))
-    except (KeyError, RuntimeError, ContractError) as error:
+    except (KeyError, RuntimeError, DuckpilotError) as error:
         raise ContractError(
             f"{path}: expected a policy in FP32 that this trainer exported, such as lane_coached"
         ) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import socket
@@ -18,7 +19,7 @@ from robot.computer.systemd import on_ending
 from robot.geometry import Pose
 from robot.runtime.assemble import open_robot
 from robot.runtime.loop import Runtime
-from robot.safety.state_machine import State
+from robot.safety.state_machine import Answer, Command, State
 from tests.robot.runtime.test_assemble import DarkCamera, RollingMotors
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
@@ -112,3 +113,33 @@ def test_a_gamepad_is_an_operator_beside_the_terminal(
     pad = operators[2]
     pad.serve(lambda *_: None)
     assert pad.age_s() == float("inf"), "it is not there: nobody may drive"
+
+
+@pytest.mark.usefixtures("hears_signals")
+def test_a_byte_that_is_no_text_does_not_deafen_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of noise on a serial console."""
+    asked: List[Any] = []
+
+    class Until:
+        def run(self, ending: Any) -> None:
+            end_s = time.monotonic() + 10.0
+            while not ending():
+                assert time.monotonic() < end_s
+                terminal[0].serve(lambda *what: asked.append(what) or Answer(True, ""))
+
+    terminal: List[Any] = []
+
+    @contextmanager
+    def made_up(_: Any, heard: Any, __: Any) -> Iterator[Any]:
+        terminal.extend(heard)
+        yield Until()
+
+    (tmp_path / "robot.yaml").write_text("model: lane.onnx\n")
+    monkeypatch.setattr(drive, "open_robot", made_up)
+    monkeypatch.setattr(drive, "on_ending", lambda _: None)
+    typed = io.TextIOWrapper(io.BytesIO(b"st\xffop\nstop\nquit\n"), "utf-8")
+    monkeypatch.setattr("sys.stdin", typed)
+    assert main(["drive", "--config", str(tmp_path / "robot.yaml")]) == 0
+    assert asked == [(Command.STOP, None)]

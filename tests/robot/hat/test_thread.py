@@ -81,6 +81,26 @@ def test_a_fault_in_the_background_reaches_the_next_caller(parts: tuple) -> None
                 call()
 
 
+def test_a_thread_that_dies_anywhere_leaves_no_coil_on(parts: tuple) -> None:
+    motors, bus, _ = parts
+
+    def die(_: object) -> None:
+        raise MemoryError
+
+    with motors:
+        wait_for_motion(motors)
+        motors._alarm.wait = die
+        motors.stop()
+        wait_for(lambda: not motors.alive)
+        assert bus.log[-1].data != ALL_OFF
+        with pytest.raises(HardwareError, match="it has ended: MemoryError"):
+            motors.on_tick(None)
+        assert bus.log[-1].data == ALL_OFF
+        for call in (motors.stop, motors.release, lambda: motors.on_tick(None)):
+            with pytest.raises(HardwareError, match="MemoryError"):
+                call()
+
+
 def test_a_mended_bus_drives_again_without_a_new_start(parts: tuple) -> None:
     motors, bus, _ = parts
     with motors:

@@ -243,11 +243,10 @@ def test_off_the_map_is_told() -> None:
 def test_a_mission_ends_when_the_policy_no_longer_drives() -> None:
     world = driving()
     bench = Bench()
-    world.navigator.on_tick(bench.runtime.step())
     assert world.navigator.status is not None
-    assert world.navigator.status.phase == "driving", "not begun is not ended"
     bench.drive()
     world.navigator.on_tick(bench.runtime.step())
+    assert world.navigator.status.phase == "driving"
     bench.runtime.ask(Command.STOP)
     world.navigator.on_tick(bench.runtime.step())
     status: Optional[object] = world.navigator.status
@@ -258,6 +257,18 @@ def test_a_mission_ends_when_the_policy_no_longer_drives() -> None:
     )
     assert world.turn().path is None
     assert world.navigator.path_points == ()
+
+
+def test_a_mission_that_is_stopped_in_the_turn_it_began_is_over() -> None:
+    """Its click and the stop may come together, after a pause of the radio."""
+    world, bench = driving(), Bench()
+    bench.turn()
+    for command in (Command.ARM, Command.AUTO, Command.STOP):
+        bench.runtime.ask(command)
+    world.navigator.on_tick(bench.runtime.step())
+    assert world.navigator.status is not None
+    assert world.navigator.status.phase == "stopped"
+    assert world.turn().path is None, "who sends it again asks for a mission"
 
 
 def past_a_turn() -> Path:

@@ -96,8 +96,21 @@ def test_wrong_marks_are_refused(drive: Path) -> None:
     mark(drive, [Piece(0.0, 1e12, "bad")])
     with pytest.raises(ConfigError, match="something to keep"):
         cut(drive, drive.with_name("none.mcap"))
-    mark(drive, [])
     assert not drive.with_name("none.mcap").exists()
+    (older := drive.with_name("older.mcap")).write_bytes(b"older")
+    with pytest.raises(ConfigError, match="something to keep"):
+        cut(drive, older)
+    assert older.read_bytes() == b"older"
+    mark(drive, [])
+
+
+def test_marks_cost_a_damaged_recording_nothing(drive: Path) -> None:
+    data = bytearray(drive.read_bytes())
+    data[len(data) // 2] ^= 1
+    drive.write_bytes(data)
+    with pytest.raises(ConfigError, match="expected a whole recording, it is damaged"):
+        mark(drive, [Piece(1.0, 2.0, "good")])
+    assert drive.read_bytes() == data
 
 
 def test_what_is_no_recording_is_told_once(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from robot.recording.reader import (
     recover_folder,
 )
 
-pytest.importorskip("mcap")
+ReadDataStream = pytest.importorskip("mcap.data_stream").ReadDataStream
 
 FLUSHES, EACH = 6, 4
 
@@ -83,3 +83,27 @@ def test_other_files_are_refused(data: bytes, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.mcap.partial"]
     with pytest.raises(ConfigError, match="expected a recording"):
         read_about(tmp_path / "nothing.mcap")
+
+
+def test_a_damaged_length_that_asks_for_all_memory_ends_the_recording(
+    recording: Tuple[bytes, List[int], List[Entry]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    data, _, everything = recording
+    read, refused = ReadDataStream.read, []
+
+    def on_a_small_computer(stream: ReadDataStream, length: int) -> bytes:
+        if length > 1 << 28:
+            refused.append(length)
+            raise MemoryError
+        return read(stream, length)
+
+    monkeypatch.setattr(ReadDataStream, "read", on_a_small_computer)
+    for at in range(8, 900):
+        damaged = bytearray(data)
+        damaged[at] ^= 0x80
+        (tmp_path / "a.mcap").write_bytes(damaged)
+        kept = list(entries(tmp_path / "a.mcap"))
+        assert len(kept) <= len(everything)
+    assert refused

@@ -137,6 +137,31 @@ def test_the_policy_is_taken_over_and_sent_again(person: Person) -> None:
     assert not person.bench.motors.turning
 
 
+def test_what_was_let_go_or_stopped_while_events_were_lost_counts(person: Person) -> None:
+    """When its buffer runs over, joydev drops all of it and tells the state anew, as at opening."""
+    person.press(START)
+    person.push(0, -32767)
+    person.press(LB)
+    person.turn(2)
+    assert person.state is State.MANUAL
+    person.device.event(BUTTON | AT_OPENING, LB, 1)
+    person.turn(2)
+    assert person.state is State.MANUAL, "still held"
+    person.device.event(BUTTON | AT_OPENING, LB, 0)
+    person.turn()
+    assert person.bench.motors.wheels == STILL
+    person.device.event(BUTTON | AT_OPENING, LB, 1)
+    person.turn()
+    assert person.bench.motors.wheels == STILL, "who wants to drive presses it before our eyes"
+    person.press(Y)
+    assert person.state is State.AUTO
+    for button in (Y, START):
+        person.device.event(BUTTON | AT_OPENING, button, 1)
+    person.device.event(BUTTON | AT_OPENING, B, 1)
+    person.turn()
+    assert person.state is State.HOLD
+
+
 def test_a_pad_that_is_gone_is_a_silent_person(person: Person) -> None:
     person.press(START)
     person.push(0, -32767)

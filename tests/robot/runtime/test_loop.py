@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
@@ -607,3 +608,22 @@ def test_the_longest_silence_of_several_operators_counts() -> None:
     ):
         bench.runtime._operators = operators
         assert bench.runtime.step().inputs.link_age_s == expected_s
+
+
+def test_the_motors_stop_before_a_fault_is_written_down() -> None:
+    """Who writes may wait for a full disk, or for a terminal that a person has paused."""
+    bench, seen = Bench().drive(), []
+
+    class Slow(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            seen.append((record.getMessage(), bench.motors.turning))
+
+    def broken(now_s: float) -> Any:
+        raise ValueError("no way")
+
+    bench.navigator.look = broken
+    logger = logging.getLogger("robot.runtime.loop")
+    logger.addHandler(slow := Slow())
+    bench.turn()
+    logger.removeHandler(slow)
+    assert seen == [("fault: navigator: no way", False)]
