@@ -28,6 +28,7 @@ from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder, expect_writable, write_json
 from robot.typed_config import read_json
+from robot.vision.sight import OnnxSight
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.cli import LoopOptions
 from tools.loop.missions import ANSWER_S, DAWDLE_MPS, Driver, MissionRecord, distance_m
@@ -155,6 +156,8 @@ def run(options: LoopOptions, folder: Path) -> dict[str, Any]:
         expect_folder(options.record)
     expect_navigator(options.policy)
     load_map(options.road)  # refused before a bar is drawn
+    if options.sight:
+        OnnxSight(options.sight)
     site_after = sites_of(options.look, options.seed)
     rows, robot = rows_so_far(options), None
     with ExitStack() as stack:
