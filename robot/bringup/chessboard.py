@@ -75,8 +75,8 @@ def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:
         corners = find_board(picture)
         if corners is not None:
             boards.append(corners)
-    if len(sizes) > 1:
-        raise ConfigError(f"{folder}: expected pictures of one size, got {sorted(sizes)}")
+    if len(sizes) > 1 or any(3 * width != 4 * height for width, height in sizes):
+        raise ConfigError(f"{folder}: expected 4:3 pictures of one size, got {sorted(sizes)}")
     return boards, sizes.pop()
 
 

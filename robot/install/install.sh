@@ -23,7 +23,8 @@ install -d -m 700 -o duckpilot -g duckpilot "$etc/keys"
 $pip pip # Ubuntu 18.04's is too old to know the wheels of onnxruntime
 $pip --constraint "$checkout/constraints-nano.txt" "$checkout"
 
-cp "$model" "$opt/lane.onnx"
+# Another one than the shipped was asked for; else what a person put there stays.
+test "$model" = "$checkout/robot/models/lane_sight.onnx" -a -e "$opt/lane.onnx" || cp "$model" "$opt/lane.onnx"
 cp "$files/../models/sight.onnx" "$opt/sight.onnx"
 test -e "$etc/robot.yaml" || cp "$files/robot.yaml" "$etc/robot.yaml"
 cp "$files/99-duckpilot-i2c.rules" "$root/etc/udev/rules.d/"

@@ -13,7 +13,7 @@ from typing import Dict, List, Optional, Tuple, Union
 import numpy as np
 
 from robot.errors import MapError, PlanError
-from robot.geometry import Pose, bezier_points, wrap_angle
+from robot.geometry import Pose, wrap_angle
 from robot.navigation.map_objects import blocked
 from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap, border_point
@@ -112,9 +112,8 @@ class LaneGraph:
             "({:.2f}, {:.2f}) m heading {:.0f} deg".format(x, y, math.degrees(heading))
             for x, y, heading in (self.node_poses[start], self.node_poses[goal])
         ]
-        control = [self.lanes[lane].control_points_m for lane in sorted(self.closed)[:3]]
-        middles = [bezier_points(points, np.array([0.5]))[0] for points in control]
-        closed = "".join(f", a lane is closed at ({x:.2f}, {y:.2f}) m" for x, y in middles)
+        middles = [self.lanes[lane].pose_at(0.5) for lane in sorted(self.closed)[:3]]
+        closed = "".join(f", a lane is closed at ({x:.2f}, {y:.2f}) m" for x, y, _ in middles)
         raise PlanError(
             f"{self.road_map.name}: no way from {places[0]} to {places[1]} without a U-turn"
             f"{closed}; start in the other direction or choose a destination on a lane ahead"
@@ -182,7 +181,7 @@ def _lanes_under(
     near = road_map.lane_index.near(x_m, y_m)
     if not road_map.on_road(x_m, y_m):
         lane = graph.lanes[int(near.distance_m.argmin())]
-        at = bezier_points(lane.control_points_m, near.t[near.distance_m.argmin()][None])[0]
+        at = lane.pose_at(near.t[near.distance_m.argmin()])
         raise PlanError(
             f"{road_map.name}: expected the {what} on the road, got ({x_m:.2f}, {y_m:.2f}) m; "
             f"the nearest lane is at ({at[0]:.2f}, {at[1]:.2f}) m"

@@ -12,6 +12,7 @@ two exceptions that follow the map files' own meaning:
   meets the next tile 11 degrees askew (its issue 227).
 """
 
+import math
 import sys
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,7 +23,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from robot.errors import ConfigError, MapError, nearest
-from robot.geometry import bezier_points, bezier_tangents
+from robot.geometry import Pose, bezier_points, bezier_tangents
 from robot.typed_config import read_yaml
 
 # In this order, so that the index is the number of counter-clockwise quarter turns from S.
@@ -118,6 +119,12 @@ class Lane:
     tile_row: int
     tile_column: int
     control_points_m: np.ndarray  # (4, 2), world frame
+
+    def pose_at(self, t: float) -> Pose:
+        """On its middle, at a parameter of the Bezier, 0 to 1."""
+        (at,) = bezier_points(self.control_points_m, np.array([t]))
+        (ahead,) = bezier_tangents(self.control_points_m, np.array([t]))
+        return Pose(float(at[0]), float(at[1]), math.atan2(ahead[1], ahead[0]))
 
 
 def tile_lanes(tile: Tile, tile_size_m: float, rows: int) -> Tuple[Lane, ...]:

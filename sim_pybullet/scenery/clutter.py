@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.map_objects import MapObject, colours, kinds
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import ClutterLook, Rgb
@@ -51,10 +50,8 @@ def roadside(road_map: RoadMap, count: int, rng: np.random.Generator) -> tuple[M
     signs, rgb = [kind for kind in kinds() if kind.startswith("sign_")], list(colours())
     for number in range(count if road_map.lanes else 0):
         _, kind, heights_m, right_m = _ROADSIDE[int(rng.choice(len(shares), p=shares))]
-        lane = road_map.lanes[int(rng.integers(len(road_map.lanes)))].control_points_m
-        along, aside_m = rng.uniform(size=1), rng.uniform(*right_m)
-        (x_m, y_m), (dx, dy) = bezier_points(lane, along)[0], bezier_tangents(lane, along)[0]
-        ahead = math.atan2(dy, dx)
+        lane = road_map.lanes[int(rng.integers(len(road_map.lanes)))]
+        (x_m, y_m, ahead), aside_m = lane.pose_at(rng.uniform()), rng.uniform(*right_m)
         turned = 0.0 if kind == "duckiebot" else rng.uniform(-math.pi, math.pi)
         if kind == "sign":
             kind, turned = signs[int(rng.integers(len(signs)))], rng.uniform(2.4, 3.9)

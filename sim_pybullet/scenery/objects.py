@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from robot.errors import MapError
-from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.map_objects import objects_of
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
@@ -28,12 +27,8 @@ def lane_poses(place: Place, count: int, rng: np.random.Generator) -> np.ndarray
         return np.array([path.pose_at(arc_m) for arc_m in arcs_m.tolist()])
     if not place.lanes:
         raise MapError(f"{place.name}: expected a map with roads, got none; try --map town")
-    poses = np.empty((count, 3))
-    for pose, lane in zip(poses, rng.integers(len(place.lanes), size=count), strict=True):
-        control, t = place.lanes[lane].control_points_m, rng.uniform(0.0, 1.0, 1)
-        pose[:2] = bezier_points(control, t)[0]
-        pose[2] = np.arctan2(*bezier_tangents(control, t)[0, ::-1])
-    return poses
+    lanes = rng.integers(len(place.lanes), size=count).tolist()
+    return np.array([place.lanes[k].pose_at(rng.uniform()) for k in lanes])
 
 
 def build_scene(place: Place, look: Look, rng: np.random.Generator) -> Scene:

@@ -107,6 +107,25 @@ def test_files_are_written_and_what_a_person_edited_stays(computer: Computer) ->
     assert "WatchdogSec" in unit.read_text()
 
 
+def test_a_policy_that_a_person_chose_stays_until_another_is_asked_for(computer: Computer) -> None:
+    mine = computer.model.read_bytes()
+    assert computer.install() == 0
+    shipped = computer.checkout / "robot" / "models" / "lane_sight.onnx"
+    shipped.parent.mkdir(parents=True)
+    shipped.write_bytes(b"shipped")
+    computer.model, other = shipped, computer.model
+    assert computer.install() == 0, "after an update"
+    assert computer.file("/opt/duckpilot/lane.onnx").read_bytes() == mine
+    other.write_bytes(b"better")
+    computer.model = other
+    assert computer.install() == 0
+    assert computer.file("/opt/duckpilot/lane.onnx").read_bytes() == b"better"
+    computer.file("/opt/duckpilot/lane.onnx").unlink()
+    computer.model = shipped
+    assert computer.install() == 0
+    assert computer.file("/opt/duckpilot/lane.onnx").read_bytes() == b"shipped"
+
+
 def test_what_is_offered_in_the_first_configuration_can_be_taken(tmp_path: Path) -> None:
     text = (SCRIPT.parent / "robot.yaml").read_text()
     taken = tmp_path / "robot.yaml"

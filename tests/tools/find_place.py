@@ -34,7 +34,6 @@ from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.world import VirtualWorld
-from tools.loop.missions import on_lane
 
 ARMING_S = 1.0
 LONGEST_S = 120.0
@@ -89,7 +88,7 @@ class Lonely:
         """On a lane, not in a junction."""
         tiles = self.road_map.tiles
         lanes = [e for e in self.road_map.lanes if not tiles[e.tile_row][e.tile_column].is_junction]
-        return on_lane(lanes[int(self.rng.integers(len(lanes)))], float(self.rng.uniform(0.1, 0.9)))
+        return lanes[int(self.rng.integers(len(lanes)))].pose_at(float(self.rng.uniform(0.1, 0.9)))
 
     def turn(self) -> Tick:
         """One decision."""

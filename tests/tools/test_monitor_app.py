@@ -1,5 +1,6 @@
 """The monitor with a demonstration robot on real links: commands, refusals, and letting go."""
 
+import asyncio
 import json
 import signal
 import time
@@ -11,12 +12,14 @@ import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
+from robot.link.messages import Ack, Mission
 from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.safety.state_machine import Answer, State
 from robot.safety.state_machine import Command as Request
 from tests.robot.link.conftest import until
 from tests.tools.monitored import RobotThread
+from tools.monitor import app as monitor_app
 from tools.monitor.app import create_app
 from tools.monitor.monitor import PAGE_ALIVE_S, Monitor
 
@@ -180,6 +183,55 @@ def test_a_robot_armed_for_a_mission_that_it_then_refuses_is_disarmed(
     answer = page.ask("mission", destination=ahead(thread, -0.1), arm=True)
     assert answer == {"accepted": False, "reason": "a doubt came"}
     page.until(state="DISARMED")
+
+
+def test_a_stop_that_comes_while_a_robot_is_asked_keeps_it_from_arming(
+    config: LinkConfig, tmp_path: Path
+) -> None:
+    """The robot stands: it has nothing to stop, and remembers no stop."""
+    sent: list[str] = []
+
+    class Robot:
+        def send(self, kind: str, mission: Mission | None) -> str:
+            sent.append(kind)
+            return str(len(sent))
+
+    async def press() -> Ack:
+        monitor = Monitor(config, tmp_path)
+        monitor._client = Robot()  # type: ignore[assignment]
+        going = asyncio.create_task(monitor.drive(Mission((1.0, 1.0)), arm=True))
+        await asyncio.sleep(0)
+        stopping = asyncio.create_task(monitor.command("stop"))
+        await asyncio.sleep(0)
+        for number, (_, future) in monitor._waiting.items():
+            future.set_result(Ack(number, True))
+        assert (await stopping).accepted
+        return await asyncio.wait_for(going, 1.0)
+
+    answer = asyncio.run(press())
+    assert sent == ["plan", "stop"]
+    assert (answer.accepted, answer.reason) == (False, "stopped before it was armed")
+
+
+def test_a_page_that_shows_nothing_is_sent_no_more(config: LinkConfig, tmp_path: Path) -> None:
+    """Else what it shows grows older and older, and it vouches for that."""
+    sent: list[str] = []
+
+    class Socket:
+        async def send_text(self, text: str) -> None:
+            sent.append(text)
+
+    async def watch() -> tuple[int, int]:
+        page = monitor_app.Page(Socket(), Monitor(config, tmp_path))  # type: ignore[arg-type]
+        sending = asyncio.create_task(page.send())
+        await asyncio.sleep(1.0)
+        before = len(sent)
+        page._room.release()  # as "seen" does
+        await asyncio.sleep(0.3)
+        sending.cancel()
+        return before, len(sent)
+
+    assert asyncio.run(watch()) == (3, 4)
 
 
 def test_a_robot_that_may_not_arm_is_not_sent(page: Page, thread: RobotThread) -> None:

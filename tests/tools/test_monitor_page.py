@@ -455,3 +455,17 @@ def test_a_policy_with_its_own_actions_is_shown_in_rows(
         ["", "0.30 | 0.30 m/s2.00"],
     ]
     browser.until("!document.querySelector('#own-actions div')")  # again the live robot's five
+
+
+def test_a_page_in_the_background_watches_no_robot(browser: Browser, programs: Programs) -> None:
+    opened(browser, programs)
+    start = on_straight_lane(load_map("loop"), 1.0 / 3.0)
+    click_map(browser, *start.moved(-0.2, 0.0)[:2])  # once round the loop
+    browser.click_on("#go")
+    browser.until(f"{STATE} === 'AUTO'")
+    hidden = "Object.defineProperty(document, 'hidden', {value: %s, configurable: true});"
+    browser.evaluate(hidden % "true" + "null")
+    time.sleep(4.0)
+    browser.evaluate(hidden % "false" + "document.dispatchEvent(new Event('visibilitychange'))")
+    browser.until(f"{STATE} === 'HOLD'")
+    assert browser.problems == []

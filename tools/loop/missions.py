@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robot.errors import PlanError
-from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
+from robot.geometry import Pose, wrap_angle
 from robot.navigation.planner import LaneGraph, plan_path
-from robot.navigation.road_map import Lane
 from tools.loop.bench import Bench
 from tools.loop.timekeeper import BenchError
 
@@ -68,14 +67,14 @@ class Driver:
         """A place in the middle of some lane."""
         lanes = self.bench.road_map.lanes
         lane = lanes[int(self._rng.integers(len(lanes)))]
-        return on_lane(lane, float(self._rng.uniform(0.1, 0.9)))
+        return lane.pose_at(float(self._rng.uniform(0.1, 0.9)))
 
     def on_lane(self, x_m: float, y_m: float) -> Pose:
         """On the lane nearest to a place, along it. PlanError: the place is not on the road."""
         road_map = self.bench.road_map
         near = road_map.lane_index.near(x_m, y_m)
         i = int(near.distance_m.argmin())
-        at = on_lane(road_map.lanes[i], float(near.t[i]))
+        at = road_map.lanes[i].pose_at(float(near.t[i]))
         plan_path(self._graph, at._replace(x_m=x_m, y_m=y_m), (at.x_m, at.y_m))
         return at
 
@@ -183,13 +182,6 @@ class Driver:
         x_m, y_m, heading_rad = before + share * np.array([*way[:2], wrap_angle(way[2])])
         error_rad = float(wrap_angle(pose[2] - heading_rad))
         record.errors.append((math.dist((x_m, y_m), pose[:2]), error_rad))
-
-
-def on_lane(lane: Lane, t: float) -> Pose:
-    """The pose at a parameter of the lane's Bezier, 0 to 1."""
-    (at,) = bezier_points(lane.control_points_m, np.array([t]))
-    (ahead,) = bezier_tangents(lane.control_points_m, np.array([t]))
-    return Pose(float(at[0]), float(at[1]), math.atan2(ahead[1], ahead[0]))
 
 
 def distance_m(line_m: Sequence[tuple[float, float]] | np.ndarray, pose: Pose) -> float:

@@ -32,6 +32,7 @@ from tools.monitor.monitor import Monitor
 
 STATIC = Path(__file__).parent / "static"
 SEND_EVERY_S = 0.1
+UNSEEN = 3  # states on their way to a page that has not said that it showed them
 TEXT_LIMIT = 200  # characters from the page; its longest is {"manual":[-0.123,0.123]}
 MANUAL_EVERY_S = 0.02
 Seconds = Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)]  # no drive is longer
@@ -171,13 +172,14 @@ class Page:
     def __init__(self, socket: WebSocket, monitor: Monitor) -> None:
         self._socket = socket
         self._monitor = monitor
-        self._refused = False
+        self._refused, self._room = False, asyncio.Semaphore(UNSEEN)
         self._asked_s = -math.inf
 
     async def send(self) -> None:
         """Send until the page is gone; a slow page gets fewer, never older states."""
         log, frame = 0, 0
         while True:
+            await self._room.acquire()
             snapshot = self._monitor.snapshot()
             entries = self._monitor.state.log_after(log)
             log = entries[-1].number if entries else log
@@ -198,6 +200,7 @@ class Page:
             text = message.get("text")
             if text == "seen":
                 self._monitor.page_showed(self)
+                self._room.release()
             elif text is not None and len(text) <= TEXT_LIMIT:
                 self._drive(text)
 

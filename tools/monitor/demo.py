@@ -7,7 +7,6 @@ from pathlib import Path
 from robot.errors import ConfigError
 from tools.loop.bench import PROGRAMS, Bench, BenchOptions
 from tools.loop.cli import NAVIGATOR
-from tools.loop.missions import on_lane
 from tools.monitor.cli import MonitorOptions
 
 TURN_S = 0.02
@@ -21,7 +20,7 @@ def show(arguments: MonitorOptions) -> None:
     options = BenchOptions(NAVIGATOR, arguments.map, page=tuple(page))
     with tempfile.TemporaryDirectory(prefix="duckpilot-demo-") as folder:
         bench = Bench(options, Path(folder))
-        bench.town.world.place(on_lane(bench.road_map.lanes[0], 0.5))
+        bench.town.world.place(bench.road_map.lanes[0].pose_at(0.5))
         try:
             monitor = bench.start("monitor")
             told = lambda: "?token=" in monitor.said() or not monitor.alive  # noqa: E731

@@ -191,6 +191,7 @@ class Monitor:
         self._waiting: dict[str, tuple[str, asyncio.Future[Ack]]] = {}  # what was asked
         self._hand: tuple[object, float] | None = None  # the page that drives, and until when
         self._by_hand: deque[str] = deque(maxlen=64)
+        self._halts = 0  # asked for: who was asked to go before one may not go after it
         self._hand_refusal = ""
         self._seen_s: dict[object, float] = {}
 
@@ -223,6 +224,7 @@ class Monitor:
 
     async def command(self, kind: str, mission: Mission | None = None) -> Ack:
         """Ask the robot; returns its answer, or a refusal when it does not answer in time."""
+        self._halts += kind in ("stop", "disarm")
         command_id = self._client.send(kind, mission)
         new = (_what(kind, mission), asyncio.get_running_loop().create_future())
         _, future = self._waiting.setdefault(command_id, new)
@@ -239,7 +241,10 @@ class Monitor:
         """
         armed = False
         if arm:
+            halts = self._halts
             asked = await self.command("plan", mission)
+            if halts != self._halts:  # of a robot that stands the robot itself remembers no stop
+                return Ack(asked.id, False, "stopped before it was armed")
             if not asked.accepted:
                 return asked
             answer = await self.command("arm")

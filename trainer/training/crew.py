@@ -131,7 +131,7 @@ def follow(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     torch.set_num_threads(run.threads)
     config, own = share_of(run, rank), RunFolder(folder)
-    own.replay /= f"worker{rank}"
+    own.replay, own.coach = own.replay / f"worker{rank}", folder / f"coach{rank}.pt"
     env = learning_world(config, make_env)
     try:
         making = Making(config, env, own, make_env, Console(quiet=True))

@@ -134,6 +134,7 @@ class Watch(BaseCallback):
         state.evaluations += (evaluated,)
         if state.best is evaluated:
             save_torch(self._folder.best, self.model.policy.state_dict())
+            self._saved = -CHECKPOINT_PERIOD_S  # what tells of it is saved at once
         if frames[0].ndim == 3:
             write_mp4(self._folder.film, map(enlarged, frames[:LONGEST_FILM]), 1 / CONTROL_DT_S)
         self._tell(evaluated)

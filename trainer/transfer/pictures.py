@@ -28,7 +28,7 @@ from sim_pybullet.scene import SemanticClass
 from sim_pybullet.scenery.objects import Place, lane_poses
 from sim_pybullet.sensing.sensor import apply_sensor
 from sim_pybullet.tasks.spec import find_task
-from trainer.division import maps_named, refuse_judging_maps
+from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
 from trainer.run import appearing
 from trainer.transfer.cli import Source
 
@@ -143,6 +143,7 @@ def simulated(source: Source) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     spec = find_task("track" if any(map(is_track, source.maps)) else "lane")
     road_maps = [spec.load(name) for name in maps_named(source.maps)]
     refuse_judging_maps(road_maps, "learn")
+    refuse_judging_look(source.look, "learn")
     looks, rng = spec.looks(source.look, None), np.random.default_rng(source.seed)
     pool = LookPool(road_maps, looks, rng, max(2, 48 // len(road_maps)))
     for first in range(0, source.frames, _BATCH):

@@ -138,6 +138,15 @@ def test_pictures_of_the_board_are_read_from_a_folder(tmp_path: Path) -> None:
     assert (len(boards), size) == (len(MOUNTS), (640, 480))
 
 
+@pytest.mark.parametrize("size", [(1280, 720), (480, 640)])
+def test_pictures_that_the_robot_would_cut_fit_no_lens(
+    size: Tuple[int, int], tmp_path: Path
+) -> None:
+    write_png(tmp_path / "wide.png", np.full((size[1], size[0], 3), 128, np.uint8))
+    with pytest.raises(ConfigError, match=r"expected 4:3 pictures of one size, got \[\("):
+        chessboard.boards_from_files(tmp_path)
+
+
 def test_the_sheet_is_in_true_size(tmp_path: Path) -> None:
     assert main(["calibrate", "target", "--out", str(tmp_path / "target.pdf")]) == 0
     pdf = (tmp_path / "target.pdf").read_bytes()

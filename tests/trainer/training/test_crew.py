@@ -26,7 +26,9 @@ from trainer.presets import preset
 from trainer.processes import Ended, LocalProcesses
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob
+from trainer.training import crew
 from trainer.training.crew import Crew, share_of
+from trainer.training.peers import PeerLostError
 from trainer.training.train import train
 
 
@@ -208,3 +210,25 @@ def test_followers_that_die_again_and_again_are_an_error(tmp_path: Path) -> None
     crew = Crew(two_processes("ppo", 100), make_toy, tmp_path, launcher)
     with pytest.raises(RuntimeError, match="followers that stay: exit status 1"):
         crew.learn(cast(Any, SimpleNamespace(num_timesteps=0)), 100, None, lambda: False)
+
+
+def test_each_process_has_a_coach_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of one file the last to be written would be everybody's, so a seed would tell nothing."""
+    asked: list[RunFolder] = []
+
+    def build(making: Any) -> Any:
+        asked.append(making.folder)
+        raise PeerLostError
+
+    algorithm = SimpleNamespace(build=build)
+    monkeypatch.setattr(crew, "find_algorithm", lambda _: algorithm)
+    monkeypatch.setattr(crew, "learning_world", lambda *_: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+    for rank in (1, 2):
+        config = replace(preset("lane", "coached", "debug"), workers=4)
+        crew.follow(rank, ("", 0, b""), config, make_env, tmp_path)
+    files = {folder.coach for folder in asked} | {RunFolder(tmp_path).coach}
+    assert len(files) == 3
+    assert len({folder.replay for folder in asked}) == 2

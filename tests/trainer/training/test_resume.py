@@ -15,6 +15,7 @@ from robot.errors import ConfigError
 from tests.thorough import count
 from tests.trainer.toy import toy_config, train_toy
 from trainer.run import RunFolder
+from trainer.training.watch import Watch
 
 ROOT = Path(__file__).parents[3]
 ENDLESS = 10_000_000
@@ -111,3 +112,25 @@ def test_a_run_that_goes_on_for_longer_says_so(tmp_path: Path) -> None:
     assert RunFolder(tmp_path).load_config() == longer
     with pytest.raises(ConfigError, match="another seed"):
         train_toy(replace(longer, seed=5), tmp_path)
+
+
+def test_a_policy_that_is_kept_is_told_of_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a kill leaves its weights under the figures of the one before."""
+    told: list[str] = []
+    evaluate, save = Watch.evaluate, Watch.save
+
+    def evaluates(watch: Watch) -> None:
+        evaluate(watch)
+        told.append("best" if watch.state.best is watch.state.evaluations[-1] else "worse")
+
+    def saves(watch: Watch) -> None:
+        told.append("saved")
+        save(watch)
+
+    monkeypatch.setattr(Watch, "evaluate", evaluates)
+    monkeypatch.setattr(Watch, "save", saves)
+    train_toy(toy_config("dueling", 1_200), tmp_path / "run")
+    after = {told[k + 1] for k, what in enumerate(told[:-1]) if what == "best"}
+    assert after == {"saved"}

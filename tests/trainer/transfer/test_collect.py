@@ -121,3 +121,10 @@ def test_what_a_killed_run_left_is_swept_away(tmp_path: Path) -> None:
         names = sorted(path.name for path in (tmp_path / "out" / part).iterdir())
         assert names == ["000000.png", "000001.png"]
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_nothing_is_gathered_of_a_look_kept_for_judging(tmp_path: Path) -> None:
+    """A translator that learned from it would bring it to who learns through it."""
+    with pytest.raises(ConfigError, match="kept for judging"):
+        collect(tmp_path / "a", Source(("loop",), 6, "reality"))
+    assert not (tmp_path / "a").exists()

@@ -34,14 +34,19 @@ const replay = new Replay({
   closed: () => { map.clearTrail(); picture.take(null); if (state) showLive(); },
 });
 
+// What nobody sees keeps no robot driving: neither a page in the background, nor one that failed.
+function tellSeen() {
+  if (!document.hidden && socket?.readyState === WebSocket.OPEN) socket.send("seen");
+}
+
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
   socket.binaryType = "blob";
   socket.onmessage = ({ data }) => {
     heardAt = performance.now();
     if (data instanceof Blob) { if (!replay.on) picture.take(data); return; }
-    socket.send("seen");
     take(JSON.parse(data));
+    tellSeen();
   };
   socket.onclose = () => setTimeout(connect, RECONNECT_MS);
 }
@@ -204,6 +209,7 @@ function theme() {
 }
 
 makeActions((action) => hand.press(action));
+document.addEventListener("visibilitychange", tellSeen);
 $("stop").addEventListener("click", stop);
 addEventListener("keydown", (event) => {
   if (event.key !== " " && event.code !== "Space") return;

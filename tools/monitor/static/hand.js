@@ -70,7 +70,8 @@ export class Hand {
   }
 
   #key(event, down) {
-    if (!(event.key in KEYS) || !this.on) return;
+    if (event.key === "Meta") this.keys.clear();  // macOS tells of no key let go while it is held
+    if (!(event.key in KEYS) || !this.on || event.metaKey) return;
     event.preventDefault();
     if (down) this.keys.add(event.key);
     else this.keys.delete(event.key);
