@@ -222,13 +222,13 @@ def test_each_process_has_a_coach_of_its_own(
         asked.append(making.folder)
         raise PeerLostError
 
-    algorithm = SimpleNamespace(build=build)
+    algorithm = SimpleNamespace(build=build, shares=find_algorithm("coached").shares)
     monkeypatch.setattr(crew, "find_algorithm", lambda _: algorithm)
     monkeypatch.setattr(crew, "learning_world", lambda *_: SimpleNamespace(close=lambda: None))
     monkeypatch.setattr("signal.signal", lambda *_: None)
-    for rank in (1, 2):
-        config = replace(preset("lane", "coached", "debug"), workers=4)
-        crew.follow(rank, ("", 0, b""), config, make_env, tmp_path)
-    files = {folder.coach for folder in asked} | {RunFolder(tmp_path).coach}
-    assert len(files) == 3
-    assert len({folder.replay for folder in asked}) == 2
+    config = replace(preset("lane", "coached", "debug"), workers=2)
+    crew.follow(1, ("", 0, b""), config, make_env, tmp_path)
+    (own,), leaders = asked, RunFolder(tmp_path)
+    assert own.coach != leaders.coach
+    assert own.replay != leaders.replay
+    assert own.coach.parent == tmp_path, "it outlives its process"

@@ -10,11 +10,14 @@ from pathlib import Path
 
 import pytest
 import torch
+from rich.console import Console
 
 from robot.errors import ConfigError
 from tests.thorough import count
-from tests.trainer.toy import toy_config, train_toy
+from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.run import RunFolder
+from trainer.training import watch
+from trainer.training.train import train
 from trainer.training.watch import Watch
 
 ROOT = Path(__file__).parents[3]
@@ -121,16 +124,20 @@ def test_a_policy_that_is_kept_is_told_of_at_once(
     told: list[str] = []
     evaluate, save = Watch.evaluate, Watch.save
 
-    def evaluates(watch: Watch) -> None:
-        evaluate(watch)
-        told.append("best" if watch.state.best is watch.state.evaluations[-1] else "worse")
+    def evaluates(one: Watch) -> None:
+        evaluate(one)
+        told.append("best" if one.state.best is one.state.evaluations[-1] else "worse")
 
-    def saves(watch: Watch) -> None:
+    def saves(one: Watch) -> None:
         told.append("saved")
-        save(watch)
+        save(one)
 
     monkeypatch.setattr(Watch, "evaluate", evaluates)
     monkeypatch.setattr(Watch, "save", saves)
-    train_toy(toy_config("dueling", 1_200), tmp_path / "run")
+    monkeypatch.setattr(watch, "CHECKPOINT_PERIOD_S", 1e6)
+    config = toy_config("dueling", 1_200)
+    often = replace(config.evaluation, every_steps=200, every_share=0.0, stop_after_perfect=0)
+    folder = RunFolder(tmp_path / "run")
+    train(replace(config, evaluation=often), folder, make_toy, Console(quiet=True))
     after = {told[k + 1] for k, what in enumerate(told[:-1]) if what == "best"}
     assert after == {"saved"}
