@@ -10,7 +10,8 @@ import threading
 import time
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, Iterator, List
+from types import SimpleNamespace
+from typing import Any, Callable, Iterator, List, Tuple
 
 import pytest
 
@@ -88,25 +89,31 @@ def test_a_hang_up_that_nohup_wants_ignored_stays_ignored() -> None:
             signal.signal(number, handler)
 
 
+def made_up_robot(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[[List[Any], Any], None]
+) -> Tuple[List[str], List[Any]]:
+    """The words that start a drive which only runs this, and the operators that it was given."""
+    operators: List[Any] = []
+
+    @contextmanager
+    def opened(_: Any, heard: Any, __: Any) -> Iterator[Any]:
+        operators.extend(heard)
+        yield SimpleNamespace(run=lambda ending: run(operators, ending))
+
+    (folder / "robot.yaml").write_text("model: lane.onnx\n")
+    monkeypatch.setattr(drive, "open_robot", opened)
+    monkeypatch.setattr(drive, "on_ending", lambda _: None)
+    return ["drive", "--config", str(folder / "robot.yaml")], operators
+
+
 def test_a_gamepad_is_an_operator_beside_the_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    operators: List[Any] = []
+    def ended(_: List[Any], ending: Any) -> None:
+        assert not ending()
 
-    class Ended:
-        def run(self, ending: Any) -> None:
-            assert not ending()
-
-    @contextmanager
-    def made_up(_: Any, heard: Any, __: Any) -> Iterator[Any]:
-        operators.extend(heard)
-        yield Ended()
-
-    (tmp_path / "robot.yaml").write_text("model: lane.onnx\n")
-    monkeypatch.setattr(drive, "open_robot", made_up)
-    monkeypatch.setattr(drive, "on_ending", lambda _: None)
+    words, operators = made_up_robot(tmp_path, monkeypatch, ended)
     monkeypatch.setattr("sys.stdin", open(os.devnull))  # noqa: SIM115
-    words = ["drive", "--config", str(tmp_path / "robot.yaml")]
     assert main(words) == 0
     assert len(operators) == 1
     assert main([*words, "--gamepad", str(tmp_path / "js0")]) == 0
@@ -115,31 +122,20 @@ def test_a_gamepad_is_an_operator_beside_the_terminal(
     assert pad.age_s() == float("inf"), "it is not there: nobody may drive"
 
 
-@pytest.mark.usefixtures("hears_signals")
 def test_a_byte_that_is_no_text_does_not_deafen_the_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As of noise on a serial console."""
     asked: List[Any] = []
 
-    class Until:
-        def run(self, ending: Any) -> None:
-            end_s = time.monotonic() + 10.0
-            while not ending():
-                assert time.monotonic() < end_s
-                terminal[0].serve(lambda *what: asked.append(what) or Answer(True, ""))
+    def until(operators: List[Any], ending: Any) -> None:
+        end_s = time.monotonic() + 10.0
+        while not ending():
+            assert time.monotonic() < end_s
+            operators[0].serve(lambda *what: asked.append(what) or Answer(True, ""))
 
-    terminal: List[Any] = []
-
-    @contextmanager
-    def made_up(_: Any, heard: Any, __: Any) -> Iterator[Any]:
-        terminal.extend(heard)
-        yield Until()
-
-    (tmp_path / "robot.yaml").write_text("model: lane.onnx\n")
-    monkeypatch.setattr(drive, "open_robot", made_up)
-    monkeypatch.setattr(drive, "on_ending", lambda _: None)
+    words, _ = made_up_robot(tmp_path, monkeypatch, until)
     typed = io.TextIOWrapper(io.BytesIO(b"st\xffop\nstop\nquit\n"), "utf-8")
     monkeypatch.setattr("sys.stdin", typed)
-    assert main(["drive", "--config", str(tmp_path / "robot.yaml")]) == 0
+    assert main(words) == 0
     assert asked == [(Command.STOP, None)]
