@@ -13,6 +13,7 @@ from localizer_node.calibration import Calibration
 from localizer_node.sources import open_source
 from robot.camera.files import read_picture, write_png
 from robot.command_line import OneLineParser, answer, spoken, whole
+from robot.errors import ConfigError
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import LinkConfig, Publisher
 from robot.output import expect_writable, write_json
@@ -57,6 +58,10 @@ def run_command(arguments: argparse.Namespace) -> None:
         publish: Publish = _print_lines
         if arguments.link:
             publish = publisher(load_yaml(LinkConfig, arguments.link), open_links)
+            if Path(arguments.source).exists():  # the times of such pictures are not today's
+                raise ConfigError(
+                    f"--source: expected a camera with --link, got {arguments.source}"
+                )
         localizer = Localizer(calibration)
         for frame in frames:
             publish(localizer.feed(frame.image, frame.time_s), frame.time_s)

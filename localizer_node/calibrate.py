@@ -158,6 +158,8 @@ def _roi(calibration: Calibration, height_m: float) -> Tuple[Tuple[float, float]
     middle = np.array(calibration.map_size_m) / 2.0
     outline = middle + (outline - middle) * (1.0 + ROI_MARGIN_M / middle)
     both = np.concatenate([calibration.to_pixels(outline, h) for h in (0.0, height_m)])
+    if not np.isfinite(both).all():  # beyond what the lens sees: the whole picture
+        return ()
     lens = calibration.lens
     inside = np.clip(both, (0.0, 0.0), (lens.width_px - 1.0, lens.height_px - 1.0))
     hull = cv2.convexHull(np.round(inside).astype(np.int32)).reshape(-1, 2)
@@ -220,10 +222,4 @@ def _lens(name: str, width_px: int, height_px: int) -> Tuple[Lens, bool]:
     """The lens to start from, and whether it is known already."""
     if name in MODELS or not Path(name).is_file():
         return guess_lens(name, width_px, height_px), False
-    lens = load_yaml(Lens, name)
-    if lens.width_px * height_px != lens.height_px * width_px:
-        raise ConfigError(
-            f"{name}: lens of a {lens.width_px}x{lens.height_px} picture; expected the same shape "
-            f"as {width_px}x{height_px}"
-        )
-    return lens.scaled(width_px, height_px), True
+    return load_yaml(Lens, name).scaled(width_px, height_px), True

@@ -5,15 +5,18 @@ Pixels are (u, v) of the raw picture, u right, v down, (0, 0) the centre of the 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Dict, Literal, Tuple
+from typing import Dict, Literal, Optional, Tuple
 
 import numpy as np
 
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError, expect_between, nearest
 from robot.lens import CameraRig, Hanging, Lens
+from robot.link.messages import MAX_ROBOTS
+from robot.link.wire import NAME
 
 Kind = Literal["two_colour", "tag", "plain"]
 Point = Tuple[float, float]
+MOST_TAG = 586  # of the family 36h11
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,8 @@ class Marker:
 
     def __post_init__(self) -> None:
         board = self.board
+        NAME["name"]("robot", self.robot)
+        expect_between("tag", self.tag, 0, MOST_TAG)
         if self.kind == "two_colour" and not 0.0 < board.front_m < board.length_m:
             raise ConfigError(f"board: expected 0 < front_m < length_m, got {board}")
         if self.kind == "tag" and not 0.0 < 1.25 * board.tag_m <= min(self.blue_m):
@@ -102,9 +107,10 @@ class Calibration:
     colours: Tuple[Colour, ...] = DEFAULT_COLOURS
     board_colour: str = "blue"
     robots: Tuple[Marker, ...] = (Marker(),)
-    residual_mm: float = float("nan")  # RMS over the points it was made from
+    residual_mm: Optional[float] = None  # RMS over the points it was made from
 
     def __post_init__(self) -> None:
+        expect_between("number of robots", len(self.robots), 0, MAX_ROBOTS)
         if len(self.roi_px) in (1, 2):
             raise ConfigError(f"roi_px: expected none or at least 3 corners, got {self.roi_px}")
         for name in (self.board_colour, *(r.front for r in self.robots if r.kind == "two_colour")):
@@ -115,7 +121,7 @@ class Calibration:
                 f"robot {plain[0]!r} is plain and any blue board looks like it; expected it alone, "
                 f"got {len(self.robots)} robots: give each a tag or a front colour"
             )
-        seen: Dict[object, str] = {}
+        seen: Dict[object, str] = {("two_colour", self.board_colour): "the boards' own colour"}
         for marker in self.robots:
             above_m = self.hanging.position_m[2]
             if marker.board.height_m >= above_m:

@@ -7,7 +7,7 @@ of the 36h11 family, by OpenCV's aruco module (Olson 2011; Garrido-Jurado 2014).
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -70,6 +70,11 @@ class Detection:
     u_px: float  # where the board's middle is in the raw picture
     v_px: float
 
+    @property
+    def pixel(self) -> Tuple[float, float]:
+        """(u, v) [px]."""
+        return self.u_px, self.v_px
+
 
 class Part(NamedTuple):
     """A blob as it lies at the height of the boards."""
@@ -120,8 +125,8 @@ class Detector:
         grid = np.stack(np.meshgrid((0.02, 0.5, 0.98), (0.02, 0.5, 0.98)), axis=-1).reshape(-1, 2)
         pixels = calibration.to_pixels(grid * size, self._board_height_m)
         inverse = np.linalg.inv(calibration.linearised(pixels, self._board_height_m)[1])
-        scales = np.linalg.svd(inverse, compute_uv=False)
-        self._scales = float(np.nanmin(scales)), float(np.nanmax(scales))
+        scales = np.linalg.svd(inverse[np.isfinite(inverse).all((1, 2))], compute_uv=False)
+        self._scales = float(scales.min()), float(scales.max())
 
     def detect(self, image: np.ndarray) -> Tuple[Detection, ...]:
         """The robots in an RGB picture (H, W, 3), inside the region of interest."""
@@ -189,7 +194,7 @@ class Detector:
         least_m = 0.5 * min(min(m.blue_m) for m in self._of["tag"])
         reach = int(1.5 * max(sides_m) * self._scales[1]) + 2
         zoom = int(np.clip(math.ceil(TAG_SIDE_PX / (min(sides_m) * self._scales[0])), 1, 3))
-        found: Dict[str, Detection] = {}  # two boards side by side show each tag twice
+        found: List[Detection] = []
         for rear in rears:
             if rear.sides_m[0] <= least_m:
                 continue
@@ -199,9 +204,10 @@ class Detector:
                 for marker in self._of["tag"]:
                     pixels = corners_px + np.array(corner_px)
                     seen = self._tag(marker, pixels) if number == marker.tag else None
-                    if seen is not None:
-                        found[marker.robot] = seen
-        return list(found.values())
+                    # Two boards side by side show each tag twice.
+                    if seen and all(math.dist(seen.pixel, other.pixel) > 2.0 for other in found):
+                        found.append(seen)
+        return found
 
     def _tag(self, marker: Marker, pixels: np.ndarray) -> Optional[Detection]:
         corners = self.calibration.camera.to_floor(pixels, marker.board.height_m)
@@ -215,11 +221,10 @@ class Detector:
         return _placed(marker, corners.mean(axis=0), heading, fit, pixels.mean(axis=0))
 
     def _inside(self, detection: Detection) -> bool:
-        place, pixel = (detection.x_m, detection.y_m), (detection.u_px, detection.v_px)
-        sides = zip(place, self.calibration.map_size_m)
+        sides = zip((detection.x_m, detection.y_m), self.calibration.map_size_m)
         if not all(-MAP_MARGIN_M <= at <= size_m + MAP_MARGIN_M for at, size_m in sides):
             return False
-        return not len(self._roi) or cv2.pointPolygonTest(self._roi, pixel, False) >= 0
+        return not len(self._roi) or cv2.pointPolygonTest(self._roi, detection.pixel, False) >= 0
 
 
 def _front_fit(marker: Marker, rear: Part, front: Part) -> float:

@@ -21,7 +21,7 @@ def open_source(source: str, lens: Lens, fps: int = 30) -> Iterator[Frame]:
     camera cannot be opened, or (on iteration) went silent.
     """
     size_px = (lens.width_px, lens.height_px)
-    if source.isdigit():
+    if re.fullmatch("[0-9]{1,3}", source):
         return _live(V4l2Stream(int(source), size_px, fps))
     if source.startswith("socket:"):
         return _live(SocketStream(source[len("socket:") :], size_px))

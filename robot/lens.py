@@ -11,7 +11,7 @@ from typing import Tuple, Union
 
 import numpy as np
 
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError, expect_between, nearest
 
 MODELS = ("pinhole", "plumb_bob", "fisheye")
 
@@ -40,6 +40,8 @@ class Lens:
         got = len(self.distortion)
         if got not in valid:
             raise ConfigError(f"{self.model} lens: expected {valid} coefficients, got {got}")
+        if min(self.width_px, self.height_px, self.fx_px, self.fy_px) <= 0:
+            raise ConfigError(f"lens: expected sizes and focal lengths above 0, got {self}")
 
     @property
     def matrix(self) -> np.ndarray:
@@ -49,7 +51,13 @@ class Lens:
         )
 
     def scaled(self, width_px: int, height_px: int) -> "Lens":
-        """The same lens read out at another picture size (pixel areas, not centres, scale)."""
+        """The same lens read out at another picture size (pixel areas, not centres, scale).
+
+        ConfigError: a picture of another shape.
+        """
+        if self.width_px * height_px != self.height_px * width_px:
+            told = f"expected a picture of the lens' shape, {self.width_px}x{self.height_px}"
+            raise ConfigError(f"{told}, got {width_px}x{height_px}")
         sx, sy = width_px / self.width_px, height_px / self.height_px
         return replace(
             self,
@@ -145,6 +153,9 @@ class Mount:
     pitch_rad: float = math.radians(19.15)
     yaw_rad: float = 0.0
     roll_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        expect_between("camera height_m", self.height_m, 0.01, 1.0)
 
     @property
     def position_m(self) -> np.ndarray:

@@ -10,6 +10,7 @@ import dataclasses
 import functools
 import json
 import reprlib
+import sys
 import typing
 from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, Tuple, Type, TypeVar, Union
@@ -129,7 +130,8 @@ def _convert(kind: Any, value: Any, label: str) -> Any:
     if kind is bytes and isinstance(value, str):
         with contextlib.suppress(ValueError):
             return base64.b64decode(value, validate=True)
-    if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
+    number = kind is float and isinstance(value, (int, float)) and not isinstance(value, bool)
+    if number and abs(value) <= sys.float_info.max:  # nor NaN
         return float(value)
     plain = kind in (int, bool, str) and isinstance(value, kind)
     if kind is Any or (plain and isinstance(value, bool) == (kind is bool)):

@@ -195,9 +195,10 @@ def _check(command: str, options: Mapping[str, Any]) -> None:
         files.append(out)
     elif out is not None:
         expect_folder(out)
-    names = ("model", "against", "parser", "images", "source", "contract")
-    inputs = (every[name] for name in names if every.get(name))
-    expect_writable(*files, inputs=[Path(path) for path in inputs])
+    read = ("model", "against", "parser", "images", "source", "contract", "sight", "translate")
+    given = [every.get(name) or () for name in (*read, "look", "map")]
+    inputs = [Path(path) for one in given for path in (one if isinstance(one, tuple) else (one,))]
+    expect_writable(*files, inputs=inputs)
 
 
 def _flat(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import re
 import secrets
 import time
 from dataclasses import dataclass, replace
@@ -59,6 +60,9 @@ class LinkConfig:
 
     def __post_init__(self) -> None:
         expect_between("base_port", self.base_port, 1024, 65535 - len(BOUND_BY))
+        for host in (self.robot_host, self.localizer_host, *(each.host for each in self.robots)):
+            if not re.fullmatch(r"[A-Za-z0-9_.-]+", host):
+                raise ConfigError(f"host: expected a name or an IPv4 address alone, got {host!r}")
 
     def open(self) -> Link:
         """The link of this program; ConfigError for keys that cannot be used."""

@@ -1,7 +1,7 @@
 """Robots without a localizer tell each other over the link where they believe to be."""
 
 import math
-from typing import Callable, Mapping, Optional, Sequence
+from typing import Callable, List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -26,10 +26,13 @@ class Company(Neighbours):
     def __init__(self, view: LaneView, robot: str, reports: Reports) -> None:
         super().__init__(view, robot, BELIEVED_M)
         self._reports, self._turns = reports, 0
+        self._above: List[PoseMessage] = []
         self._said_s = dict.fromkeys(reports, -math.inf)
 
-    def hear(self, poses: Sequence[PoseMessage], now_s: float) -> None:
-        """Nothing: by a localizer's poses everybody would be told of twice."""
+    def hear(self, poses: Sequence[PoseMessage], now_s: float) -> None:  # noqa: ARG002
+        """Those who do not tell of themselves: of the others everybody would be told of twice."""
+        tell = (self._robot, *self._reports)
+        self._above = [pose for pose in poses if pose.robot not in tell]
 
     def ahead(self, now_s: float, pose: Pose, way_m: np.ndarray) -> RoadAhead:
         """As of `Neighbours`, by what has been said up to now."""
@@ -44,8 +47,9 @@ class Company(Neighbours):
             if long_m[name] <= STANDS_KNOWN_M:
                 stamp = said.session, said.sequence, said.t_sent_s
                 told.append(PoseMessage(name, *said.pose, 1.0, said.t_sent_s, *stamp))
-        for name, at_s in self._take(told, now_s).items():
-            if long_m[name] <= KNOWN_M or at_s - self._tracks[name].moved_s > STANDS_S:
+        for name, at_s in self._take([*told, *self._above], now_s).items():
+            stood_s = at_s - self._tracks[name].moved_s
+            if name in long_m and (long_m[name] <= KNOWN_M or stood_s > STANDS_S):
                 self._said_s[name] = at_s
         self._heard_s = min(self._said_s.values(), default=now_s)
         return super().ahead(now_s, pose, way_m)

@@ -190,7 +190,7 @@ class PoseFusion:
         state, since, covariance = self._then(captured_s)
         fresh = np.isfinite(measured[:, :2]).all(axis=1) & (captured_s > self._measured_s)
         unknown = np.isnan(self.poses[:, 0]) | (self.rejected >= self.config.rejections)
-        lost = fresh & unknown & np.isfinite(measured[:, 2])
+        lost = fresh & unknown & np.isfinite(measured[:, 2] + since[:, 0])
         design = np.zeros((len(state), 3, self._states))  # measured is the pose and its error
         design[:, range(3), range(3)] = design[:, range(3), range(6, 9)] = 1.0
         jitter = np.zeros((len(state), 3, 3))

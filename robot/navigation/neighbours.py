@@ -153,7 +153,8 @@ SIGMA_M = 0.03  # of overhead poses, standard deviation
 HEARD_S = 1.0  # poses older than that tell nothing of the road
 REMEMBERED_S = 5.0  # who is seen no longer counts where it was, and where it may be by now
 _GOES_ON_S = 1.0  # as it went
-_SPAN_S = 0.5  # over which a speed is meant: poses of standing robots move, too
+_MOVED_M = 0.2  # poses of standing robots move by less
+_SPAN_S = 0.5  # over which a speed is meant
 
 
 class Neighbours:
@@ -182,8 +183,8 @@ class Neighbours:
             if track.take(pose, now_s):
                 taken[pose.robot] = track.at_s
         if taken and self._view.junctions:
-            drive = [name for name in self._known(now_s) if self._tracks[name].headed]
-            robots = {name: self._traveller(name) for name in drive}
+            known = [name for name in self._known(now_s) if not name.startswith(DUCK)]
+            robots = {name: self._traveller(name) for name in known if self._tracks[name].headed}
             self._junction = self._crossings.update(poses[0].t_capture_s, robots).get(self._robot)
         return taken
 
@@ -225,7 +226,7 @@ class _Track:
     def __init__(self, name: str) -> None:
         self.pose, self.at_s, self.velocity_mps = Pose(0.0, 0.0, 0.0), -math.inf, (0.0, 0.0)
         self.headed = False  # its heading was seen once, at least
-        self.moved_s = -math.inf  # when it last drove, or was seen again
+        self.moved_s, self._stood = -math.inf, self.pose  # when and where it moved, or came back
         self._gate = PoseGate(name)
         self._places: Deque[Tuple[float, Pose]] = deque()
 
@@ -243,6 +244,6 @@ class _Track:
         since_s, began = self._places[0]
         for_s = max(self.at_s - since_s, _SPAN_S)
         self.velocity_mps = (self.pose.x_m - began.x_m) / for_s, (self.pose.y_m - began.y_m) / for_s
-        if len(self._places) == 1 or math.hypot(*self.velocity_mps) > STILL_MPS:
-            self.moved_s = self.at_s
+        if len(self._places) == 1 or math.dist(self.pose[:2], self._stood[:2]) > _MOVED_M:
+            self.moved_s, self._stood = self.at_s, self.pose
         return True

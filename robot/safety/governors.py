@@ -185,8 +185,9 @@ class FirstCome:
     goes, robots go by their names. Who waits has its nose before the line.
     """
 
-    quiet_s: Optional[float] = None  # since when it waits and nobody is inside
+    quiet_s: Optional[float] = None  # since when it waits, nobody is inside, and nobody else came
     look_s: Optional[float] = None  # since when it is its turn
+    met: int = 0  # others that wait
 
     def after(self, road: Road) -> Tuple[FirstCome, Cap]:
         """See `Rule`."""
@@ -201,13 +202,14 @@ class FirstCome:
         others = at.others
         if road.ahead.light is Light.GREEN:  # who waits on either side has a red one
             others = tuple(o for o in others if (o.arm - at.own.arm) % 2 == 0)
-        quiet_s = road.now_s if self.quiet_s is None else self.quiet_s
+        met = len(others)
+        quiet_s = road.now_s if self.quiet_s is None or met != self.met else self.quiet_s
         lesser = sum(other.name < at.own.name for other in others)
         turn = all(_lets(other, at.own) for other in others)
         if not turn and road.now_s - quiet_s < QUIET_S * (1 + lesser):
-            return FirstCome(quiet_s), _STAND
+            return FirstCome(quiet_s, None, met), _STAND
         look_s = road.now_s if self.look_s is None else self.look_s
-        return FirstCome(quiet_s, look_s), Cap() if road.now_s - look_s >= LOOK_S else _STAND
+        return FirstCome(quiet_s, look_s, met), Cap() if road.now_s - look_s >= LOOK_S else _STAND
 
 
 def _lets(other: AtJunction, own: AtJunction) -> bool:

@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 
 from localizer_node.calibrate import KnownPoint, calibrate, corner_points, guess_lens
 from localizer_node.calibration import Board, Marker, map_corners, map_outline
+from localizer_node.detect import Detector
 from robot.bringup.camera_place import Freedom
 from robot.errors import ConfigError
+from robot.lens import Lens
 from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, PINHOLE, SIDE_PX, Rig, grid
 
 CORNERS = map_corners(MAP_M)
@@ -169,3 +171,16 @@ def test_corners_come_in_fours():
     assert [(p.x_m, p.y_m) for p in points] == [(0.0, 0.0), (2.2, 0.0), (2.2, 2.64), (0.0, 2.64)]
     with pytest.raises(ConfigError, match="got 3"):
         corner_points([(1.0, 2.0)] * 3, MAP_M)
+
+
+@pytest.mark.parametrize(("k1", "height_m"), [(-0.35, 1.9), (-0.25, 1.5)])
+def test_where_the_map_reaches_beyond_what_the_lens_sees_the_whole_picture_counts(k1, height_m):
+    lens = Lens("plumb_bob", 1280, 1280, 640.0, 640.0, 639.5, 639.5, (k1, 0.0, 0.0, 0.0, 0.0))
+    rig, marker = Rig(lens, position_m=(1.1, 1.32, height_m)), Marker()
+    known = rig.known(grid(4, 0.4))
+    made = calibrate(known, lens, Freedom(False, 0, height_m), MAP_M).calibration
+    assert made.roi_px == ()
+    picture = rig.floor()
+    rig.paint_robot(picture, marker, (0.5, 1.0, 0.0))
+    (found,) = Detector(made).detect(picture)
+    assert (found.x_m, found.y_m) == pytest.approx((0.5, 1.0), abs=0.01)

@@ -1,4 +1,3 @@
-import math
 from dataclasses import replace
 
 import pytest
@@ -9,7 +8,7 @@ from localizer_node.calibration import (
     Colour,
     Marker,
 )
-from robot.errors import ConfigError
+from robot.errors import ConfigError, ContractError
 from robot.output import write_yaml
 from robot.typed_config import from_plain, load_yaml
 from tests.localizer_node.rigs import LENSES, Rig
@@ -44,6 +43,8 @@ def test_a_file_with_an_unknown_key_names_the_nearest(tmp_path):
         ((Marker("a", "tag", tag=3), Marker("b", "tag", tag=3)), "cannot be told apart"),
         ((Marker("a", "plain"), Marker("b", "tag")), "expected it alone"),
         ((Marker("a", front="gren"),), "did you mean 'green'"),
+        ((Marker("a", front="blue"),), "cannot be told apart"),
+        (tuple(Marker(f"r{k}", "tag", tag=k) for k in range(17)), "expected 0 to 16, got 17"),
         ((Marker("a", board=Board(height_m=3.0)),), "camera above the board"),
     ],
 )
@@ -59,6 +60,11 @@ def test_impossible_parts_are_refused():
         Marker(board=Board(length_m=0.06, front_m=0.06))
     with pytest.raises(ConfigError, match="its white margin on it"):
         Marker(kind="tag", board=Board(0.1, 0.1, tag_m=0.09))
+    with pytest.raises(ContractError, match="1 to 32 letters"):
+        Marker("robot 1")
+    for tag in (-1, 587):
+        with pytest.raises(ConfigError, match="expected 0 to 586"):
+            Marker(kind="tag", tag=tag)
     with pytest.raises(ConfigError, match="positive length_m"):
         Board(length_m=0.0)
     with pytest.raises(ConfigError, match=r"hues 0\.\.360"):
@@ -76,4 +82,4 @@ def test_looking_up_a_colour_that_is_not_there():
 def test_a_calibration_is_a_value():
     assert hash(Rig().calibration()) is not None
     assert isinstance(Rig().calibration(), Calibration)
-    assert math.isnan(Rig().calibration().residual_mm)
+    assert Rig().calibration().residual_mm is None

@@ -130,6 +130,14 @@ def test_a_tag_must_have_its_size():
     assert detector.detect(picture) == ()
 
 
+def test_a_second_board_with_a_robot_s_tag_is_told_as_well():
+    """What follows the robots then is in doubt; told one of them alone, it believed either."""
+    placed = [(TAGGED[0], (1.0, 1.0, 0.5)), (TAGGED[0], (1.8, 0.4, 2.0))]
+    picture, detector = look(TAGGED, placed)
+    found = sorted((d.robot, round(d.x_m, 1)) for d in detector.detect(picture))
+    assert found == [("seven", 1.0), ("seven", 1.8)]
+
+
 def test_tags_side_by_side_are_told_once_each():
     placed = [(TAGGED[0], (1.0, 1.0, 0.5)), (TAGGED[1], (1.2, 1.0, 2.0))]
     picture, detector = look(TAGGED, placed)

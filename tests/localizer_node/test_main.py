@@ -7,9 +7,11 @@ import pytest
 
 from localizer_node.__main__ import main
 from localizer_node.calibration import Calibration, Marker, map_corners
+from robot.link.keys import keygen
 from robot.output import write_yaml
 from robot.typed_config import load_yaml
 from tests.localizer_node.rigs import FISHEYE, MAP_M, Rig, grid
+from tests.robot.link.conftest import free_base_port
 
 RIG = Rig(FISHEYE, yaw_rad=0.2)
 POSE = (0.7, 1.9, 2.0)
@@ -99,6 +101,17 @@ def test_run_prints_the_poses_of_each_picture(arena, capsys):
     poses = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [p["t_capture_s"] for p in poses] == pytest.approx([0.1, 0.15, 0.2])
     assert poses[0]["robot"] == "robot"
+
+
+def test_the_pictures_of_a_file_are_not_published(arena, capsys):
+    """They are of no time that a robot's clock knows: it would believe none of them."""
+    keygen(arena / "keys")
+    (arena / "link.yaml").write_text(
+        f"keys: {arena}/keys/localizer\nbase_port: {free_base_port()}\n"
+    )
+    where = ["--source", str(arena), "--link", str(arena / "link.yaml")]
+    assert main(["run", "--calibration", str(arena / "arena.yaml"), *where]) == 2
+    assert "expected a camera with --link" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

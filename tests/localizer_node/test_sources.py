@@ -35,6 +35,9 @@ def test_sources_that_are_not_there(tmp_path):
         open_source(str(tmp_path / "none.avi"), LENS)
     with pytest.raises(ConfigError, match="got none"):
         open_source(str(tmp_path), LENS)
+    for name in ("\u00b2", "9" * 20):
+        with pytest.raises(ConfigError, match="no such path"):
+            open_source(name, LENS)
     with pytest.raises(HardwareError, match="group video"):
         open_source("93", LENS)
 

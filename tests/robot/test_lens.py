@@ -1,5 +1,7 @@
 import math
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, Dict
 
 import numpy as np
 import pytest
@@ -67,6 +69,24 @@ def test_mount_angles_turn_the_way_they_say() -> None:
 
 def test_above_the_horizon_is_no_floor() -> None:
     assert np.isnan(CameraRig(SMALL).to_floor(np.array([80.0, 2.0]))).all()
+
+
+@pytest.mark.parametrize("wrong", [{"fx_px": -700.0}, {"fy_px": 0.0}, {"width_px": 0}])
+def test_a_lens_that_cannot_be_is_refused(wrong: Dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="above 0"):
+        replace(DUCKIEBOT_LENS, **wrong)
+
+
+def test_a_picture_of_another_shape_is_none_of_the_lens() -> None:
+    assert DUCKIEBOT_LENS.scaled(320, 240).fx_px == pytest.approx(DUCKIEBOT_LENS.fx_px / 2)
+    with pytest.raises(ConfigError, match="shape, 640x480, got 640x360"):
+        DUCKIEBOT_LENS.scaled(640, 360)
+
+
+@pytest.mark.parametrize("height_m", [0.0, 10.8])
+def test_a_camera_a_robot_cannot_carry_is_refused(height_m: float) -> None:
+    with pytest.raises(ConfigError, match=r"height_m: expected 0\.01 to 1\.0"):
+        Mount(height_m)
 
 
 def test_an_unknown_model_names_the_nearest() -> None:

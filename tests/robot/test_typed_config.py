@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Optional, Tuple
@@ -45,6 +46,9 @@ def test_absent_keys_keep_their_defaults() -> None:
         ({"size_m": [1.0]}, "expected 2 values, got 1"),
         ({"armed": 1}, "armed: expected bool"),
         ({"model": 3}, "model: expected str"),
+        ({"size_m": [1.0, math.nan]}, r"size_m\[1\]: expected float, got nan"),
+        ({"size_m": [-math.inf, 1.0]}, r"size_m\[0\]: expected float, got -inf"),
+        ({"size_m": [10**400, 1.0]}, r"size_m\[0\]: expected float, got 1000"),
         ([], "expected a mapping"),
     ],
 )

@@ -96,8 +96,11 @@ def test_the_command_writes_pitch_and_height_and_nothing_else(
     assert found.mount.pitch_rad == pytest.approx(mount.pitch_rad, abs=math.radians(0.2))
     assert found.kind == "v4l2"
     assert config.read_text().startswith("model: m.onnx # mine\n")
-    write_png(shot, np.full((480, 640, 3), 128, np.uint8))
     config.write_text(text)
+    write_png(shot, floor_picture(rig, NEAR_M, np.random.default_rng(1))[60:420])
+    assert main(arguments) == 2
+    assert "expected a picture of the lens' shape, 640x480, got 640x360" in capsys.readouterr().err
+    write_png(shot, np.full((480, 640, 3), 128, np.uint8))
     assert main(arguments) == 2
     assert "expected the board with all its 8 by 5 squares" in capsys.readouterr().err
     assert config.read_text() == text

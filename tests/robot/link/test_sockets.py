@@ -210,6 +210,15 @@ def test_an_oversized_message_never_reaches_the_program(configs: Configs, open_l
     assert until(good), "and hears the next good one"
 
 
+@pytest.mark.parametrize("host", ["tcp://192.168.1.11", "robot 1", "", "robot:5570", "ä"])
+def test_a_host_is_a_name_or_an_address_alone(host: str) -> None:
+    for fields in ({"robot_host": host}, {"localizer_host": host}):
+        with pytest.raises(ConfigError, match="a name or an IPv4 address alone"):
+            LinkConfig("keys", **fields)
+    with pytest.raises(ConfigError, match="a name or an IPv4 address alone"):
+        LinkConfig("keys", robots=(OtherRobot("a", host),))
+
+
 def test_who_is_allowed_comes_in_before_anything_is_sent(configs: Configs, open_link: Open) -> None:
     localizer, robot = configs["localizer"], configs["robot"]
     door = open_link(localizer)

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from robot.geometry import Pose
-from robot.link.messages import Belief, Telemetry
+from robot.link.messages import Belief, PoseMessage, Telemetry
 from robot.navigation.company import Company
 from robot.navigation.lane_view import LaneView
 from robot.navigation.road_watch import RoadWatch
 from tests.robot.navigation.test_neighbours import (
+    HALF_DUCK_M,
     HALF_ROBOT_M,
     HERE,
     LOOP,
@@ -26,6 +27,8 @@ from tests.robot.navigation.test_neighbours import (
     ways,
 )
 from tests.thorough import count
+
+ABOVE = {"duck1": (1.0, 0.1), "me": (0.6, 0.1), "other": (0.8, 0.1)}
 
 
 def report(name: str, pose: Pose, now_s: float, within_m: float = 0.05) -> Telemetry:
@@ -61,6 +64,17 @@ def test_robots_that_tell_each_other_where_they_are_need_no_localizer() -> None:
     assert company.both() == pytest.approx(0.6 - HALF_ROBOT_M - NOSE_M, abs=0.011)
     for _ in range(8):
         assert math.isfinite(company.free_m()), "what was said holds for a second"
+
+
+def test_a_localizer_tells_them_of_what_does_not_tell_of_itself() -> None:
+    company = Heard()
+    company.both()
+    for k in range(5):
+        stamp = (company.now_s, "c" * 16, k, company.now_s)
+        poses = [PoseMessage(name, *place, None, 0.9, *stamp) for name, place in ABOVE.items()]
+        company.neighbours.hear(poses, company.now_s)
+        free_m = company.both()
+    assert free_m == pytest.approx(0.4 - HALF_DUCK_M - NOSE_M, abs=0.011)
 
 
 @pytest.mark.parametrize("why", ["silent", "does not know its place", "is another", "was silent"])

@@ -83,6 +83,21 @@ def test_a_repeated_or_older_picture_changes_nothing() -> None:
     assert np.allclose(fusion.poses, 0.0)
 
 
+def test_a_picture_older_than_its_memory_finds_no_lost_robot_and_loses_no_place() -> None:
+    fusion, config = PoseFusion(), FusionConfig()
+    for tick in range(100):
+        fusion.move(np.full(1, 0.01), np.zeros(1), 0.1 * tick)
+        if tick < 50:
+            fusion.measure(np.array([[0.01 * tick, 0.0, 0.0]]), np.array([0.1 * tick]))
+    fusion.rejected[:] = config.rejections
+    before = fusion.poses.copy()
+    fusion.measure(np.array([[2.0, 2.0, 0.0]]), np.array([9.9 - 4.5]))
+    assert np.array_equal(fusion.poses, before)
+    assert fusion.rejected[0] == config.rejections + 1
+    fusion.measure(np.array([[2.0, 2.0, 0.0]]), np.array([9.9]))
+    assert np.allclose(fusion.poses, [[2.0, 2.0, 0.0]])
+
+
 def test_a_position_without_heading_still_corrects_the_position() -> None:
     fusion = PoseFusion()
     fusion.move(np.zeros(1), np.zeros(1), 0.0)

@@ -237,11 +237,38 @@ def test_who_has_stood_inside_for_fifteen_seconds_is_in_the_way_until_it_moves()
 
     told = [inside(10.0 + TURN_S * k) for k in range(170)]
     assert told == [[True]] * 151 + [[]] * 19
-    assert [inside(27.0 + TURN_S * k, 0.9 + 0.02 * k) for k in range(4)][3] == [True], "it moves"
-    assert inside(29.0, 0.96) == [True]
-    told = [inside(29.1 + TURN_S * k, 0.96) for k in range(155)]
+    told = [inside(27.0 + TURN_S * k, 0.9 + 0.03 * k) for k in range(8)]
+    assert told == [[]] * 7 + [[True]], "it moves: 20 cm"
+    assert inside(29.0, 1.11) == [True]
+    told = [inside(29.1 + TURN_S * k, 1.11) for k in range(155)]
     assert told[-1] == []
-    assert inside(47.0, 0.96) == [True], "nobody knows whether it stood"
+    assert inside(47.0, 1.11) == [True], "nobody knows whether it stood"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_who_stands_inside_does_not_move_by_poses_that_err(seed: int) -> None:
+    others, rng, told = Neighbours(VIEW, "me"), np.random.default_rng(seed), []
+    for k in range(400):
+        now_s = 10.0 + TURN_S * k
+        stamp, (x_m, y_m) = (now_s, "a" * 16, k, now_s), rng.normal((1.02, 0.9), 0.03)
+        seen = {"me": WAITING[0], "other": Pose(float(x_m), float(y_m), 0.5 * math.pi)}
+        others.hear([PoseMessage(name, *pose, 0.9, *stamp) for name, pose in seen.items()], now_s)
+        junction = others.ahead(now_s, WAITING[0], WAY).junction
+        told.append(junction is not None and bool(junction.others))
+    assert all(told[:150])
+    assert not any(told[160:])
+
+
+def test_a_duck_never_has_the_right_of_way_though_its_board_tells_a_heading() -> None:
+    others = Neighbours(VIEW, "me")
+    for k in range(5):
+        now_s = 10.0 + TURN_S * k
+        seen = {"me": WAITING[0], "duck1": Pose(1.02, 0.9, 0.5 * math.pi)}
+        stamp = (now_s, "a" * 16, k, now_s)
+        others.hear([PoseMessage(name, *pose, 0.9, *stamp) for name, pose in seen.items()], now_s)
+    junction = others.ahead(now_s, WAITING[0], WAY).junction
+    assert junction is not None
+    assert junction.others == ()
 
 
 def test_sight_alone_leads_nobody_into_a_junction() -> None:

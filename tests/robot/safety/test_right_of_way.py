@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from robot.safety.governors import Cap, FirstCome, Road
 from robot.safety.road_ahead import AtJunction, Junction, Light, RoadAhead
-from tests.thorough import THOROUGH
+from tests.thorough import THOROUGH, count
 
 TURN_S, LATE_TURNS = 0.1, 4  # so late robots see each other
 THROUGH_S, ENTERS_S = 2.0, 0.4  # after the rule lets it go it is seen inside
@@ -72,11 +72,11 @@ def crossing(case: Case, names: Sequence[str], error_s: float, seed: int) -> flo
 
 def every_case() -> Iterator[Tuple[Case, Tuple[str, ...]]]:
     """Who comes from which arms, how long after each other, by which names."""
-    for count in (1, 2, 3, 4):
-        for arms in itertools.combinations(range(4), count):
-            for after_s in itertools.product((0.0, 0.3, 0.6, 1.2), repeat=count):
+    for many in (1, 2, 3, 4):
+        for arms in itertools.combinations(range(4), many):
+            for after_s in itertools.product((0.0, 0.3, 0.6, 1.2), repeat=many):
                 if min(after_s) == 0.0:
-                    for names in itertools.permutations("abcd"[:count]):
+                    for names in itertools.permutations("abcd"[:many]):
                         yield tuple(zip(arms, after_s)), names
 
 
@@ -94,6 +94,21 @@ def test_every_crossing_of_all_resolves() -> None:
     for seed, (case, names) in enumerate(every_case()):
         if THOROUGH or (case[0][0], names[0]) == (0, "a"):
             crossing(case, names, ERROR_S, seed)
+
+
+@pytest.mark.slow
+def test_of_those_who_come_seconds_after_each_other_one_is_inside() -> None:
+    """By their names they go after so many seconds; whose turn that is changes with who waits."""
+    for seed in range(count(1500, 60_000)):
+        rng = np.random.default_rng(seed)
+        arms = rng.permutation(4)[: rng.integers(3, 5)].tolist()
+        after_s = [0.0, *rng.uniform(0.0, 9.0, len(arms) - 1).round(1).tolist()]
+        names = rng.permutation(list("abcd"))[: len(arms)].tolist()
+        crossing(tuple(zip(arms, after_s)), names, float(rng.choice((0.0, ERROR_S))), seed)
+
+
+def test_two_turns_do_not_fall_together_because_a_third_comes() -> None:
+    crossing(((0, 0.4), (1, 3.9), (3, 0.0)), "cad", 0.0, 0)
 
 
 @given(st.integers(0, 3), st.lists(st.tuples(st.integers(0, 3), st.floats(-2.0, 2.0)), max_size=3))
