@@ -59,9 +59,7 @@ def run_command(arguments: argparse.Namespace) -> None:
         if arguments.link:
             publish = publisher(load_yaml(LinkConfig, arguments.link), open_links)
             if Path(arguments.source).exists():  # the times of such pictures are not today's
-                raise ConfigError(
-                    f"--source: expected a camera with --link, got {arguments.source}"
-                )
+                raise ConfigError(f"--source: expected a camera for --link, got {arguments.source}")
         localizer = Localizer(calibration)
         for frame in frames:
             publish(localizer.feed(frame.image, frame.time_s), frame.time_s)

@@ -155,9 +155,7 @@ class Calibration:
         raised = np.full((*np.shape(points_m)[:-1], 1), height_m)
         return self.camera.to_pixels(np.concatenate((points_m, raised), axis=-1))
 
-    def linearised(
-        self, pixels: np.ndarray, height_m: float = 0.0
-    ) -> Tuple[np.ndarray, np.ndarray]:
+    def linearised(self, pixels: np.ndarray, height_m: float = 0.0) -> Tuple[np.ndarray, ...]:
         """Floor (..., 2) and its derivative (..., 2, 2) [m/px]: rows x, y, columns u, v."""
         pixels = np.asarray(pixels, dtype=float)
         steps = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])

@@ -149,7 +149,9 @@ class Proof:
         if self.steered and not self.foretold >= LEAST_FORETOLD * self.steered:
             share = self.foretold / self.steered
             return f"foretells {share:.0%} of a person's steering, expected {LEAST_FORETOLD:.0%}"
-        return ""
+        driven = not self.drives or 0 <= self.low * self.drives <= self.succeeded <= self.drives
+        fits = driven and 0 <= self.foretold <= self.steered
+        return "" if fits else "proven by figures that contradict each other"
 
 
 @dataclass(frozen=True)

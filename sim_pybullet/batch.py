@@ -80,9 +80,7 @@ class BatchWorld:
     ) -> None:
         image = image or ImageSpec()
         if not isinstance(image, ImageSpec):
-            raise ConfigError(
-                f"image: expected robot.contract.ImageSpec(width_px, height_px), got {image!r}"
-            )
+            raise ConfigError(f"image: expected an ImageSpec(width_px, height_px), got {image!r}")
         self._maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
         if blank_in_junctions and not self._maps:
             raise ConfigError("zero: expected image, got junctions; a race track has none")

@@ -67,9 +67,7 @@ COMMANDS: Group = {
     "explain": Command(f"{_RUN}:explain_command", "show what a policy looks at"),
     "collect": Command(f"{_SEE}:collect_command", "gather labelled frames from the simulator"),
     "translate": {
-        "train": Command(
-            f"{_SEE}:translate_train_command", "CycleGAN between simulator and photographs"
-        ),
+        "train": Command(f"{_SEE}:translate_train_command", "CycleGAN, simulator to photographs"),
         "judge": Command(f"{_SEE}:translate_judge_command", "colours, and what stays of lines"),
     },
     "parse": {

@@ -116,9 +116,7 @@ class RunFolder:
             raise ConfigError(f"{self.path}: expected the folder of a run, found no {CONFIG}")
         plain = read_yaml(self.config)
         if not (isinstance(plain, dict) and isinstance(plain.get("algorithm"), str)):
-            raise ConfigError(
-                f"{self.config}: expected the configuration of a training, got another file"
-            )
+            raise ConfigError(f"{self.config}: expected the configuration of a training, got none")
         usual = find_algorithm(plain["algorithm"]).learn  # has fields that others have not
         learn = from_plain(type(usual), plain.pop("learn", {}), f"{self.config}.learn")
         found = from_plain(RunConfig, {**plain, "learn": {}}, str(self.config))

@@ -55,9 +55,7 @@ def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
             raise ValueError(f"addresses {addresses}, where 0x40 to 0x77 are a HAT's")
     except (ValueError, TypeError, AttributeError) as error:
         told = " ".join(str(error).split())
-        raise ConfigError(
-            f"{path}: expected a robot's YAML file with its hat, got: {told}"
-        ) from error
+        raise ConfigError(f"{path}: expected a robot's YAML with its hat, got: {told}") from error
     return bus, addresses
 
 

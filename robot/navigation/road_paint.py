@@ -93,12 +93,10 @@ def _has_edge(lane: Lane, tile: Tile) -> bool:
     return ORIENTATIONS[round(heading_rad / (0.5 * math.pi)) % 4] not in tile.road_sides
 
 
-def _fill(
-    plane: np.ndarray, box: Tuple[float, ...], tile: Tile, road_map: RoadMap, value: int
-) -> None:
+def _fill(plane: np.ndarray, box: Tuple[float, ...], tile: Tile, road: RoadMap, value: int) -> None:
     """Fill what lies within west, south, east and north, in tiles from a tile's corner."""
-    corner = (tile.column, road_map.rows - 1 - tile.row)
-    box_m = (np.array(box).reshape(2, 2) + corner) * road_map.tile_size_m
+    corner = (tile.column, road.rows - 1 - tile.row)
+    box_m = (np.array(box).reshape(2, 2) + corner) * road.tile_size_m
     (west, south), (east, north) = np.rint((box_m + MARGIN_M) / TEXEL_M).astype(int)
     plane[south:north, west:east] = value
 

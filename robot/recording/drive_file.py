@@ -4,6 +4,7 @@ Chunks are closed and handed to the disk at every ``flush``: whatever kills the 
 power, all before the last flush stays readable (https://mcap.dev/spec).
 """
 
+import fcntl
 import json
 import os
 import platform
@@ -46,6 +47,7 @@ class DriveFile:
         self.partial = path.with_suffix(UNFINISHED)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._stream = self.partial.open("xb")
+        fcntl.flock(self._stream, fcntl.LOCK_EX)  # as long as it lives: nobody else completes it
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)
         self._channels: Dict[str, int] = {}
         self._writer.start(profile="", library="duckpilot")
@@ -203,7 +205,7 @@ def picture(data: bytes) -> np.ndarray:
     """The RGB picture (H, W, 3) uint8 in PNG or JPEG bytes; ValueError for others."""
     import cv2
 
-    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     if found is None:
         raise ValueError(f"expected a PNG or JPEG picture, got {len(data)} other bytes")
     return np.ascontiguousarray(found[..., ::-1])

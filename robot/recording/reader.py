@@ -4,6 +4,7 @@ A person marks good and bad pieces of a drive; what is bad is no sample, and is 
 function raises ConfigError where there is no such file, or no MCAP.
 """
 
+import fcntl
 import json
 import math
 import struct
@@ -138,14 +139,16 @@ def _frame(entry: Entry) -> np.ndarray:
 def recover_folder(folder: PathLike) -> Iterator[Path]:
     """Make every unfinished recording of a folder whole; where each lies then.
 
-    Only for a folder that nobody else is recording into. OSError: it cannot be written to.
+    Nothing is done to one that is being recorded. OSError: the folder cannot be written to.
     """
     for path in sorted(Path(folder).glob(f"*{UNFINISHED}")):
         whole = path.with_name(path.name[: -len(UNFINISHED)] + SUFFIX)
         try:
-            copy(path, whole, lambda *_: True, {"recovered": {}})
-        except ConfigError:
-            continue  # not ours, or not even a beginning
+            with path.open("rb") as partial:
+                fcntl.flock(partial, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                copy(path, whole, lambda *_: True, {"recovered": {}})
+        except (ConfigError, BlockingIOError):
+            continue  # not ours, not even a beginning, or under way
         path.unlink()
         yield whole
 
@@ -236,7 +239,9 @@ def cut(path: Path, target: Path) -> int:
 
 def kept(pieces: Sequence[Piece], topic: str, time_s: float) -> bool:
     """Whether these marks let a message stay; a picture is also kept for the turn that saw it."""
-    if topic == topics.CAMERA.name and kept(pieces, "", time_s + LATE_S):
+    if topic == topics.CAMERA.name and any(
+        kept(pieces, "", time_s + s) for s in (0.1, 0.2, LATE_S)
+    ):
         return True
     good = [piece for piece in pieces if piece.kind == "good"]
     within = {piece.kind for piece in pieces if piece.from_s <= time_s < piece.to_s}

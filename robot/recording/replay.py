@@ -74,9 +74,7 @@ def recorded_policy(path: PathLike) -> Policy:
         return open_policy(model, translator if translator.exists() else None)
 
 
-def _decision(
-    result: Replayed, policy: Policy, turn: Turn, image: Optional[np.ndarray]
-) -> List[str]:
+def _decision(made: Replayed, policy: Policy, turn: Turn, image: Optional[np.ndarray]) -> List[str]:
     if turn.values is None or turn.frame is None:
         return []
     if image is None:
@@ -87,16 +85,16 @@ def _decision(
         return ["decided without the path that its policy follows"]
     recorded, action = np.array(turn.values, np.float32), best_action(values)
     off, margin = float(np.abs(values - recorded).max()), turn.margin or 0.0
-    result.decisions += 1
-    result.worst = max(result.worst, off)
-    result.least_margin = min(result.least_margin, margin)
-    allowed = 0.0 if result.exact else TOLERANCE * max(1.0, float(np.abs(recorded).max()))
+    made.decisions += 1
+    made.worst = max(made.worst, off)
+    made.least_margin = min(made.least_margin, margin)
+    allowed = 0.0 if made.exact else TOLERANCE * max(1.0, float(np.abs(recorded).max()))
     if off > allowed:
         return [f"values {list(turn.values)} came out as {values.tolist()}"]
     if action == turn.action:
         return []
     if margin <= 2.0 * allowed:
-        result.close += 1
+        made.close += 1
         return []
     names = [_name(policy.contract, number) for number in (turn.action, action)]
     return [f"{names[0]} came out as {names[1]}, by {margin:g}"]

@@ -81,9 +81,7 @@ class Reporter:
             path=navigator.path_points if navigator else (),
             mission=navigator.status if navigator else None,
             belief=navigator.belief(tick.time_s) if navigator else None,
-            inputs=tuple(
-                InputAge(name, told_age(s), most) for name, s, most in ages if s is not None
-            ),
+            inputs=tuple(InputAge(n, told_age(s), most) for n, s, most in ages if s is not None),
             health=self._health(),
             wheels=(float(tick.wheels[0]), float(tick.wheels[1])),
             fps=self._rate(tick.time_s),

@@ -160,12 +160,10 @@ class Safety:
         trip = self._trip(self._inputs, loop_age_s, WATCHED[target] - COMES_WITH_THE_WISH)
         return trip.sentence if trip else ""
 
-    def _trip(
-        self, inputs: Inputs, loop_age_s: float, watched: FrozenSet[Reason]
-    ) -> Optional[Trip]:
+    def _trip(self, inputs: Inputs, loop_age_s: float, asked: FrozenSet[Reason]) -> Optional[Trip]:
         """The gravest trip among these gates."""
         every = trips(inputs, loop_age_s, self.limits)
-        tripped = [trip for trip in every if trip.reason in watched]
+        tripped = [trip for trip in every if trip.reason in asked]
         return min(tripped, key=lambda trip: trip.reason in HOLDS, default=None)
 
     def _act_on(self, inputs: Inputs, loop_age_s: float, among: FrozenSet[Reason]) -> None:

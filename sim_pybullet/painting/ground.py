@@ -221,12 +221,10 @@ def _grid(size_px: int) -> tuple[np.ndarray, np.ndarray]:
     return x, z
 
 
-def _band(
-    position: np.ndarray, band: tuple[float, float], scale: float, size_px: int
-) -> np.ndarray:
+def _band(along: np.ndarray, band: tuple[float, float], scale: float, size_px: int) -> np.ndarray:
     """Anti-aliased membership of a band, widened about its middle."""
     middle, half = 0.5 * (band[0] + band[1]), 0.5 * scale * (band[1] - band[0])
-    return np.clip(0.5 + (half - np.abs(position - middle)) * size_px, 0.0, 1.0)
+    return np.clip(0.5 + (half - np.abs(along - middle)) * size_px, 0.0, 1.0)
 
 
 def _lane_markings(

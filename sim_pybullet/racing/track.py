@@ -166,9 +166,7 @@ def _begins(segments: Sequence[Segment]) -> list[Pose]:
     return poses
 
 
-def _sample(
-    segments: Sequence[Segment], arc_m: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sample(segments: Sequence[Segment], arc_m: np.ndarray) -> tuple[np.ndarray, ...]:
     """Points (M, 2), headings (M,) in (-pi, pi] and curvatures (M,) at arc lengths (M,)."""
     points, headings = np.zeros((len(arc_m), 2)), np.zeros(len(arc_m))
     curvature, begin_m = np.zeros(len(arc_m)), 0.0

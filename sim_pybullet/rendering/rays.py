@@ -114,11 +114,9 @@ def _footprints(
     return points, longer, long_px, short_px
 
 
-def _runs(
-    floor: np.ndarray, level: np.ndarray, log_taps: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _runs(floor: np.ndarray, level: np.ndarray, taps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     height, width = floor.shape
-    code = np.where(floor, level * 8 + log_taps, -1)
+    code = np.where(floor, level * 8 + taps, -1)
     starts = np.ones_like(floor)
     starts[:, 1:] = code[:, 1:] != code[:, :-1]
     first = np.flatnonzero(starts)

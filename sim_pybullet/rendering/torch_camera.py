@@ -235,11 +235,9 @@ class SolidPixels:
         """Values (M,) of the solids as (Q, 1) float32 of their pixels."""
         return [value.float()[self.solid, None] for value in values]
 
-    def slab(
-        self, low: torch.Tensor, high: torch.Tensor, along: torch.Tensor
-    ) -> list[torch.Tensor]:
+    def slab(self, low: torch.Tensor, high: torch.Tensor, axis: torch.Tensor) -> list[torch.Tensor]:
         """Where rays, by their component across two planes, enter and leave the space between."""
-        a, b = low / along, high / along
+        a, b = low / axis, high / axis
         return [a.minimum(b), a.maximum(b)]
 
     def put(self, nearest: torch.Tensor, met: Met) -> None:

@@ -27,13 +27,11 @@ class Ducks:
         self._waits_s = np.zeros((groups, count, _WAITS))
         self._turn = np.zeros((groups, count), dtype=int)
 
-    def begin(
-        self, group: int, places: np.ndarray, how: Scenario, rng: np.random.Generator
-    ) -> None:
+    def begin(self, group: int, at: np.ndarray, how: Scenario, rng: np.random.Generator) -> None:
         """Ducks (K, 4) of one group: x [m], y [m], heading [rad], how far they walk [m]."""
-        count = len(places)
+        count = len(at)
         self.poses[group] = np.nan
-        self.poses[group, :count], self._way_m[group, :count] = places[:, :3], places[:, 3]
+        self.poses[group, :count], self._way_m[group, :count] = at[:, :3], at[:, 3]
         self._speed_mps[group] = rng.uniform(*how.duckie_speed_mps, self._speed_mps.shape[1])
         self._waits_s[group] = rng.uniform(*how.duckie_wait_s, self._waits_s.shape[1:])
         self._left_s[group] = self._waits_s[group, :, 0]

@@ -191,9 +191,7 @@ class Pca9685Registers:
             led = bytes(self._registers[LED0:LED_END])
             outputs = PwmOutputs.from_registers(led, self._cut_off)
             if not self._registers[MODE2] & OUTDRV and outputs.any_high:
-                raise ChipMisuseError(
-                    "OUTDRV = 0: open drain cannot drive the bridges' inputs high"
-                )
+                raise ChipMisuseError("OUTDRV = 0: open drain cannot drive a bridge's inputs high")
         if outputs != self.outputs:
             self._before_change()
             self.outputs = outputs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -13,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robot.contract import Stick
 from robot.errors import ConfigError
-from robot.recording.drive_file import picture
+from robot.recording.drive_file import DriveFile, picture
 from robot.recording.reader import Piece, mark, read_pieces, read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
-from tools.data.drives import divide, from_tub, tell, to_tub
+from tools.data.drives import divide, drives_in, from_tub, tell, to_tub
 from trainer.run import appearing
 
 TUB = Path(os.environ.get("DUCKPILOT_DATA", "data")) / "real/donkeycar_boards/tub"
@@ -100,6 +102,87 @@ def test_deleted_broken_and_absent_records_are_left_out(tmp_path: Path) -> None:
         catalog.write(b"\0" * 40 + b'\n{"_index": 30, "cam/im')
     (drive,) = from_tub(tub, tmp_path / "back")
     assert len(list(read_samples(drive))) == 28
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("user/angle", math.nan),
+        ("user/angle", None),
+        ("user/throttle", math.inf),
+        pytest.param("user/throttle", 10**400, id="huge"),
+        ("_timestamp_ms", math.nan),
+        ("_timestamp_ms", 1e30),
+        ("_timestamp_ms", "now"),
+        ("cam/image_array", "nul.jpg"),
+        ("cam/image_array", "empty.jpg"),
+        ("cam/image_array", None),
+    ],
+)
+def test_a_record_with_figures_that_cannot_be_is_left_out(
+    field: str, value: object, tmp_path: Path
+) -> None:
+    to_tub([recorded(tmp_path, "a")], tub := tmp_path / "tub")
+    (tub / "images/nul.jpg").write_bytes(bytes(500))
+    (tub / "images/empty.jpg").write_bytes(b"")
+    change(tub, {field: value}, only=7)
+    (drive,) = from_tub(tub, tmp_path / "back")
+    assert len(list(read_samples(drive))) == 29
+
+
+def change(tub: Path, fields: dict[str, object], only: int | None = None) -> None:
+    """Set fields of one record, or of all."""
+    catalog = tub / "catalog_0.catalog"
+    records = [json.loads(line) for line in catalog.read_text().splitlines()]
+    for number, record in enumerate(records):
+        if only in (None, number):
+            record.update(fields)
+    catalog.write_text("".join(json.dumps(record) + "\n" for record in records))
+
+
+@pytest.mark.parametrize(
+    ("mode", "driver", "angle", "throttle"),
+    [
+        ("user", "person", 0.2, 0.5),
+        (None, "person", 0.2, 0.5),
+        ("local", "policy", -0.4, 0.9),
+        ("local_angle", "policy", -0.4, 0.5),
+    ],
+)
+def test_who_steers_and_who_gives_the_throttle_is_told_by_the_mode(
+    mode: str | None, driver: str, angle: float, throttle: float, tmp_path: Path
+) -> None:
+    to_tub([recorded(tmp_path, "a")], tub := tmp_path / "tub")
+    person = {"user/mode": mode, "user/angle": 0.2, "user/throttle": 0.5}
+    change(tub, {**person, "pilot/angle": -0.4, "pilot/throttle": 0.9})
+    manifest = (tub / "manifest.json").read_text()
+    text = manifest.replace('"deleted_indexes": []', '"deleted_indexes": null')
+    (tub / "manifest.json").write_text(text)
+    (back,) = from_tub(tub, tmp_path / "back")
+    sample = next(read_samples(back))
+    assert sample.driver == driver
+    assert tuple(Stick.of(sample.wheels)) == pytest.approx((-angle, throttle), abs=1e-6)
+
+
+def test_drives_in_which_nobody_drove_are_left_out(tmp_path: Path) -> None:
+    idle = DriveFile(tmp_path / "idle.mcap", {"robot": "daisy"})
+    idle.close()
+    drives = [idle.path, recorded(tmp_path, "a")]
+    assert to_tub(drives, tmp_path / "tub") == 30
+    with pytest.raises(ConfigError, match="a drive with pictures, got none"):
+        to_tub(drives[:1], tmp_path / "none")
+
+
+def test_a_drive_named_twice_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(recorded(tmp_path, "a").parent)
+    assert drives_in([Path("a.mcap"), tmp_path / "a.mcap", tmp_path]) == [tmp_path / "a.mcap"]
+
+
+def test_a_cut_replaces_no_other_recording(tmp_path: Path) -> None:
+    one, other = recorded(tmp_path, "a"), recorded(tmp_path, "b")
+    data = other.read_bytes()
+    assert main(["cut", str(one), "--out", str(other)]) == 2
+    assert other.read_bytes() == data
 
 
 def test_what_is_no_tub_is_refused_and_nothing_is_left(tmp_path: Path) -> None:

@@ -134,6 +134,27 @@ def test_marks_are_seconds_since_the_first_report(tmp_path: Path) -> None:
         write_marks(tmp_path, "../secret", [])
 
 
+def test_two_drives_by_hand_within_a_second_are_two(tmp_path: Path) -> None:
+    wall = iter((1.7e9, 1.7e9 + 0.4))
+    recorder = DriveRecorder(tmp_path, lambda: next(wall))
+    for t_s in (5.0, 5.2, 5.4, 5.6):
+        state = "MANUAL" if t_s in (5.0, 5.4) else "HOLD"
+        recorder.take(Telemetry("duck", state, t_sent_s=t_s))
+    assert len(list_drives(tmp_path)) == 2
+
+
+def test_a_second_monitor_leaves_a_drive_that_is_being_recorded(tmp_path: Path) -> None:
+    recorder = DriveRecorder(tmp_path, lambda: 1.7e9)
+    for i in range(20):
+        recorder.take(report(10.0 + 0.1 * i))
+    DriveRecorder(tmp_path, lambda: 1.7e9)
+    for i in range(20, 40):
+        recorder.take(report(10.0 + 0.1 * i))
+    assert recorder.take(report(14.0, "arrived"))
+    (summary,) = list_drives(tmp_path)
+    assert len(read_drive(tmp_path, summary.name)) == 41
+
+
 def test_a_drive_that_was_cut_off_is_kept(tmp_path: Path) -> None:
     take(tmp_path, [report(1.0), report(2.0), report(2.1)])
     assert list_drives(tmp_path) == []

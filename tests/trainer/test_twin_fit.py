@@ -18,6 +18,7 @@ from robot.geometry import compose, wrap_angle
 from robot.navigation.road_map import RoadMap, load_map
 from robot.recording import topics
 from robot.recording.drive_file import DriveFile, png
+from robot.recording.reader import Piece, mark
 from robot.recording.topics import Turn
 from sim_pybullet.look import (
     NOMINAL,
@@ -221,6 +222,34 @@ def test_a_picture_that_comes_once_more_tells_nothing_new(tmp_path: Path) -> Non
     assert drive.skipped == pytest.approx(29 / 90)
     assert [turn.number for turn in drive.turns] == [k for k in range(90) if k % 3 or not k]
     assert len(drive.images) == len(drive.times_s) == 61
+
+
+def driven(file: Path, size: tuple[int, int] = (120, 160), pictures: bool = True) -> Path:
+    """Nine seconds by hand."""
+    made = DriveFile(file, {"map": ""})
+    for k in range(90):
+        shade = np.full((*size, 3), k, np.uint8)
+        if pictures:
+            made.add(topics.CAMERA, 0.1 * k, topics.image_message(0.1 * k, png(shade), "png"), k)
+        turn = Turn(k, 0.1 * k, 0.01, 0.0, "MANUAL", "", "", (0.1, 0.1), frame=k)
+        made.add(topics.TURN, 0.1 * k, turn.plain(), k)
+    made.close()
+    return file
+
+
+def test_what_is_marked_bad_was_driven_by_nobody(tmp_path: Path) -> None:
+    mark(path := driven(tmp_path / "own.mcap"), [Piece(2.0, 3.0, "bad")])
+    states = [turn.state for turn in read_drive(path).turns]
+    assert states == ["MANUAL"] * 20 + [""] * 10 + ["MANUAL"] * 60
+
+
+def test_pictures_of_another_size_are_cut_as_a_robots_are(tmp_path: Path) -> None:
+    assert read_drive(driven(tmp_path / "own.mcap", (240, 400))).images.shape == (90, 120, 160, 3)
+
+
+def test_a_recording_without_a_picture_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnfitError, match="8 s and more of driving"):
+        read_drive(driven(tmp_path / "own.mcap", pictures=False))
 
 
 @pytest.fixture(scope="module")

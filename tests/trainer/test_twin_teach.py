@@ -35,7 +35,7 @@ from trainer.twin.cli import fit_command, teach_command
 from trainer.twin.examples import AHEAD_M, Examples, examples_of, foretold, ways_driven
 from trainer.twin.proof import where_failed
 from trainer.twin.recorded import Recorded
-from trainer.twin.teach import TeachConfig, base_file, load_base, teach
+from trainer.twin.teach import TeachConfig, base_file, load_base, new_model, teach
 from trainer.twin.translation import twin_to_real
 
 LANE = PolicyContract("lane", "coached")
@@ -65,6 +65,13 @@ def test_what_a_person_did_at_a_take_over_counts_most() -> None:
     assert set(seen.actions) == {0}  # LEFT
     assert np.unique(seen.weights[:30]) == [4.0]
     assert np.unique(seen.weights[30:]) == [1.0]
+
+
+def test_what_is_marked_bad_teaches_nothing_and_what_corrects_it_counts_most() -> None:
+    one = drive(["AUTO"] * 4 + [""] * 2 + ["MANUAL"] * 4 + [""] * 2 + ["MANUAL"] * 38, [LEFT] * 50)
+    seen = examples(one)  # of the first 35 turns
+    assert len(seen.actions) == 35 - 4 - 2 - 2
+    assert seen.weights[0] == 4.0
 
 
 def test_parts_of_a_drive_are_apart() -> None:
@@ -130,6 +137,17 @@ def test_a_shipped_policy_can_learn_on(name: str) -> None:
     network, contract = load_base(base_file(name))  # compared with ONNX in there
     assert contract.task == ("navigation" if name == "nav_dueling" else "lane")
     assert any(part.requires_grad for part in network.parameters())
+
+
+def test_a_folder_with_another_policy_is_no_place_for_a_taught_one(tmp_path: Path) -> None:
+    """Such as its base: that would be lost, and the taught one be compared with itself."""
+    network, contract = load_base(base_file("lane_coached"))
+    model = new_model(tmp_path)
+    export_network(network, contract, model)
+    with pytest.raises(ConfigError, match="expected no policy here yet"):
+        new_model(tmp_path)
+    export_network(network, replace(contract, taught_from="lane_coached"), model)
+    assert new_model(tmp_path) == model, "left half-way"
 
 
 def test_a_base_that_cannot_learn_is_refused() -> None:
@@ -231,7 +249,7 @@ def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_
     assert (proof.drives, proof.succeeded, proof.low) == (0, 0, 0.0)
     assert proof.foretold > 0.9 * proof.steered > 75
     assert contract.unproven == ""
-    with pytest.raises(ConfigError, match="expected no taught policy here yet"):
+    with pytest.raises(ConfigError, match="expected no policy here yet"):
         teach_command((unmapped,), out=tmp_path / "taught", steps=60)
     assert proof.sentence == (
         f"never driven; steers as the person did in {proof.foretold} of {proof.steered} "

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from robot.errors import ConfigError
 from robot.output import expect_writable, write_json
 
 Recordings = Annotated[Positional[tuple[Path, ...]], arg(help="recordings, or folders of them.")]
@@ -51,6 +52,8 @@ def cut_command(source: Positional[Path], out: Path) -> int:
     from robot.recording.reader import cut
 
     expect_writable(out, inputs=[source])
+    if out.exists():
+        raise ConfigError(f"{out}: expected no recording there yet; choose another --out")
     print(f"{out}: {cut(source, out)} messages")
     return 0
 

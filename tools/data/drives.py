@@ -7,6 +7,7 @@ angle of 1 is full right, ours is a hard turn; a throttle of 1 is our speed stra
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -30,7 +31,7 @@ FLUSH_EVERY = 100  # turns
 def drives_in(places: Sequence[Path]) -> list[Path]:
     """The recordings named, and those in folders named."""
     found = [p for place in places for p in (sorted(place.glob(f"*{SUFFIX}")) or [place])]
-    return list(dict.fromkeys(found))
+    return list({path.resolve(): path for path in found}.values())
 
 
 def tell(path: Path) -> dict[str, Any]:
@@ -132,6 +133,7 @@ MOST = 1000  # records in a catalog
 GAP_S = 1.0  # at most, between two records of a drive
 USER, PILOT = "user", "local"  # modes: a person drives, the policy does
 JPEG_QUALITY = 95
+PICTURES, MOST_S = (b"\xff\xd8", b"\x89PNG"), 1e10
 
 
 def to_tub(drives: Sequence[Path], tub: Path) -> int:
@@ -144,14 +146,15 @@ def to_tub(drives: Sequence[Path], tub: Path) -> int:
             first = len(records)
             for sample in reader.read_samples(path):
                 records.append(_record(folder, len(records), f"{path.stem}_{number}", sample))
-            if len(records) == first:
-                raise ConfigError(f"{path}: expected a drive with pictures, got none")
-            sessions.append(records[-1]["_session_id"])
+            if len(records) > first:
+                sessions.append(records[-1]["_session_id"])
+        if not records:
+            raise ConfigError(f"{drives[0]}: expected a drive with pictures, got none")
         created_at = records[0]["_timestamp_ms"] / 1e3
         names = [
             _write_catalog(folder, records, at, created_at) for at in range(0, len(records), MOST)
         ]
-        ids = {"all_full_ids": sessions, "last_id": len(drives) - 1, "last_full_id": sessions[-1]}
+        ids = {"all_full_ids": sessions, "last_id": len(sessions) - 1, "last_full_id": sessions[-1]}
         counts = {"current_index": len(records), "max_len": MOST, "deleted_indexes": []}
         about = ({"created_at": created_at, "sessions": ids}, {"paths": names, **counts})
         _write_lines(folder / "manifest.json", [INPUTS, TYPES, {}, *about])
@@ -161,7 +164,7 @@ def to_tub(drives: Sequence[Path], tub: Path) -> int:
 def from_tub(tub: Path, out: Path) -> list[Path]:
     """Write a tub's drives as recordings; a session or a pause of a second begins the next one.
 
-    Deleted and broken records, and those whose picture is absent, are left out.
+    Deleted and broken records, and those whose picture is absent or none, are left out.
     """
     records = list(_records(tub))
     if not records:
@@ -169,8 +172,8 @@ def from_tub(tub: Path, out: Path) -> list[Path]:
     with appearing(out) as folder:
         names = []
         for number, drive in enumerate(_drives(records)):
-            samples = [_sample(tub, record) for record in drive]
-            names.append(write_drive(folder, f"{tub.name}-{number:03d}", "donkeycar", samples).name)
+            name, samples = f"{tub.name}-{number:03d}", [sample for _, sample in drive]
+            names.append(write_drive(folder, name, "donkeycar", samples).name)
     return [out / name for name in names]
 
 
@@ -212,28 +215,29 @@ def _write_lines(path: Path, rows: Sequence[Any]) -> list[int]:
     return [len(line) for line in lines]
 
 
-def _records(tub: Path) -> Iterator[dict[str, Any]]:
+def _records(tub: Path) -> Iterator[tuple[Any, reader.Sample]]:
+    """Each with its session."""
     for record, _ in tub_records(tub / "manifest.json"):
-        image = tub / "images" / Path(str(record.get("cam/image_array"))).name
-        time_ms = record.get("_timestamp_ms")
-        if isinstance(time_ms, (int, float)) and image.is_file():
-            yield {**record, "picture": image, "time_s": time_ms / 1e3}
+        with suppress(OSError, ValueError, LookupError, TypeError, OverflowError):  # a broken one
+            yield record.get("_session_id"), _sample(tub, record)
 
 
-def _drives(records: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+def _drives(records: list[tuple[Any, reader.Sample]]) -> list[list[tuple[Any, reader.Sample]]]:
     begins = [0]
-    for number, (before, record) in enumerate(pairwise(records), 1):
-        same = record.get("_session_id") == before.get("_session_id")
-        if not (same and 0.0 <= record["time_s"] - before["time_s"] <= GAP_S):
+    for number, ((before, last), (session, sample)) in enumerate(pairwise(records), 1):
+        if session != before or not 0.0 <= sample.time_s - last.time_s <= GAP_S:
             begins.append(number)
     return [records[a:b] for a, b in pairwise([*begins, len(records)])]
 
 
 def _sample(tub: Path, record: dict[str, Any]) -> reader.Sample:
-    try:
-        driver = "person" if record.get("user/mode", USER) == USER else "policy"
-        who = "pilot" if driver == "policy" and "pilot/angle" in record else "user"
-        stick = Stick(-float(record[f"{who}/angle"]), float(record[f"{who}/throttle"]))
-        return reader.Sample(record["time_s"], record["picture"].read_bytes(), stick.wheels, driver)
-    except (OSError, ValueError, LookupError, TypeError) as error:
-        raise ConfigError(f"{tub}: record {record.get('_index')}: {error}") from error
+    """Of mode ``local_angle`` the pilot steers, and a person gives the throttle."""
+    data = (tub / "images" / Path(str(record["cam/image_array"])).name).read_bytes()
+    mode, time_s = record.get("user/mode") or USER, float(record["_timestamp_ms"]) / 1e3
+    who = "pilot" if mode != USER and "pilot/angle" in record else USER
+    gas = USER if mode == "local_angle" else who
+    steer, speed = float(record[f"{who}/angle"]), float(record[f"{gas}/throttle"])
+    if not (data.startswith(PICTURES) and 0.0 <= time_s < MOST_S and abs(steer) + abs(speed) < 9.0):
+        raise ValueError("expected a picture, a time, shares of full lock and of full speed")
+    driver = "person" if mode == USER else "policy"
+    return reader.Sample(time_s, data, Stick(-steer, speed).wheels, driver)

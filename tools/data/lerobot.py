@@ -33,15 +33,13 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 def to_dataset(drives: Sequence[Path], dataset: Path, task: str) -> int:
     """Write recordings as a dataset; the number of its episodes.
 
-    ConfigError: a drive without a turn, or drives with other rates or sizes of picture.
+    ConfigError: no turn at all, or drives with other rates or sizes of picture.
     """
     import pyarrow.parquet as parquet
 
-    every = {path: runs(list(read_samples(path))) for path in drives}
-    empty = next((path for path, found in every.items() if not found), None)
-    if empty is not None:
-        raise ConfigError(f"{empty}: expected a drive with pictures, got none")
-    episodes = [run for found in every.values() for run in found]
+    episodes = [run for path in drives for run in runs(list(read_samples(path)))]
+    if not episodes:
+        raise ConfigError(f"{drives[0]}: expected a drive with pictures, got none")
     fps, shape = _rate(episodes), picture(episodes[0][0].picture).shape
     columns = _columns(episodes, fps)
     with appearing(dataset) as folder:
@@ -73,7 +71,9 @@ def from_dataset(dataset: Path, out: Path) -> list[Path]:
             raise ValueError(f"actions {info['features']['action']['names']}, not {WHEELS}")
         with appearing(out) as folder:
             names = [path.name for path in _write_drives(dataset, info, folder)]
-    except (FileNotFoundError, ValueError, LookupError, TypeError, AttributeError) as error:
+            if not names:
+                raise ValueError("no episode")
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
         told = f"{dataset}: expected a whole LeRobot dataset v3.0 of two wheels, got: {error}"
         raise error if isinstance(error, ConfigError) else ConfigError(told) from error
     return [out / name for name in names]

@@ -181,9 +181,7 @@ class Stage:
             raise BenchError(f"expected it to find its place: {self.bench.operator.reason}")
         record = self._driver.drive(self.start[:2])
         if not record.arrived:
-            raise BenchError(
-                f"expected the robot at the start, it is {record.phase}: {record.reason}"
-            )
+            raise BenchError(f"expected it at the start, it is {record.phase}: {record.reason}")
         self.bench.until(lambda: self.bench.operator.ask("disarm")[0], SETTLE_S, "a rest")
         self.run(BELIEF_S)
 

@@ -53,9 +53,7 @@ class LoopOptions:
         if self.goal is not None and self.missions > 1:
             raise ConfigError(f"--goal: expected one mission, got --missions {self.missions}")
         if shutil.which(self.robot_python) is None:
-            raise ConfigError(
-                f"--robot-python: expected a Python to start, got {self.robot_python}"
-            )
+            raise ConfigError(f"--robot-python: expected a Python to run, got {self.robot_python}")
         for name in ("start", "goal"):
             self.place(name)
 

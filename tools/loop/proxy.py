@@ -29,9 +29,7 @@ class Proxy(Worker):
         self._clock, self._rng = clock, rng
         # Where each end's parts go to, and those that wait until they are due.
         self._pipes: dict[socket.socket, tuple[socket.socket, deque[tuple[float, bytes]]]] = {}
-        self._listeners = {
-            socket.create_server(("127.0.0.1", port)): to for port, to in ports.items()
-        }
+        self._listeners = {socket.create_server(("127.0.0.1", at)): to for at, to in ports.items()}
         self.start()
 
     def close(self) -> None:

@@ -110,7 +110,9 @@ class DriveRecorder:
             "began": began.isoformat(timespec="seconds"),
             "model": telemetry.model,
         }
-        self._file = DriveFile(self._folder / f"{began:%Y%m%d-%H%M%S}-{mission[:8]}{SUFFIX}", about)
+        self._file = DriveFile(
+            self._folder / f"{began:%Y%m%d-%H%M%S-%f}-{mission[:8]}{SUFFIX}", about
+        )
 
 
 def list_drives(folder: Path) -> list[DriveSummary]:

@@ -123,9 +123,7 @@ class MonitorState:
         self.look()
         ages = {name: self._age(name) for name in self._gates}
         ages["answers"] = answers_age_s
-        heard = tuple(
-            InputAge(name, told_age(ages[name]), limit_s) for name, limit_s in LIMITS_S.items()
-        )
+        heard = tuple(InputAge(each, told_age(ages[each]), most) for each, most in LIMITS_S.items())
         return Snapshot(
             robot=self.telemetry,
             silent=self._silent,

@@ -123,11 +123,12 @@ def tub_records(manifest: Path) -> Iterator[tuple[dict[str, Any], str]]:
     """
     lines = [line for line in _lines(manifest) if line.strip("\0 ")]
     last = (_record(lines[-1]) if lines else None) or {}
-    for name in last.get("paths", ()):  # more may lie there: given up, or macOS's ._ files
+    deleted = last.get("deleted_indexes") or ()
+    for name in last.get("paths") or ():  # more may lie there: given up, or macOS's ._ files
         catalog = manifest.with_name(Path(str(name)).name)
         for number, line in enumerate(_lines(catalog), start=1):
             record = _record(line) or {}
-            if "_index" not in record or record["_index"] not in last.get("deleted_indexes", ()):
+            if "_index" not in record or record["_index"] not in deleted:
                 yield record, f"{catalog}:{number}"
 
 
@@ -210,9 +211,7 @@ def split_by_time(drive: Drive, frames: np.ndarray, every: int, see: See) -> tup
     last = np.arange(before, len(frames))
     training, test = last[last < end], last[last - before >= end + GAP_FRAMES]
     if not len(training) or not len(test):
-        raise ConfigError(
-            f"drive: expected enough pictures to train and to test on, got {len(frames)}"
-        )
+        raise ConfigError(f"drive: expected enough pictures to train, to test, got {len(frames)}")
     pictures, did = see(frames), turns(drive.steering_deg)
     first, rest = (Stacks(pictures, some, did[some], every) for some in (training, test))
     return first, rest
@@ -286,9 +285,7 @@ def named_policies(given: Sequence[str]) -> list[tuple[str, int, SteeringPolicy]
     for text in given:
         name, _, path = text.partition("=")
         if not name or not path:
-            raise ConfigError(
-                f"--policy: expected name=model.onnx, got {text!r}; such as ours=model.onnx"
-            )
+            raise ConfigError(f"--policy: expected name=model.onnx (ours=model.onnx), got {text!r}")
         seed = sum(name == other for other, _, _ in found)
         model, _, translator = path.partition("+")
         found.append((name, seed, SteeringPolicy(Path(model), translator)))

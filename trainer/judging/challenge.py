@@ -95,9 +95,7 @@ class Contest:
         bare = self.name == BARE and self.name != model
         path = Path(model if bare else self.name)
         if not path.exists():
-            raise ConfigError(
-                f"{path}: expected a policy, .onnx, expert or stand; there is no file"
-            )
+            raise ConfigError(f"{path}: expected a policy, .onnx, expert or stand; no such file")
         policy = open_policy(path, "lane")
         if bare or poses != "sight":
             return Pilot(policy) if bare else Governed(policy, poses)

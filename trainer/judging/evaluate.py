@@ -278,16 +278,14 @@ def _own_speeds(policy: DrivingPolicy, world: BatchWorld) -> np.ndarray | None:
     return None if same else np.clip(own / MAX_WHEEL_MPS, -1.0, 1.0)
 
 
-def _choose(
-    policy: DrivingPolicy, observation: Observation, robot: int, zero: str | None
-) -> np.ndarray:
+def _choose(policy: DrivingPolicy, seen: Observation, robot: int, zero: str | None) -> np.ndarray:
     """Of one robot, as on a robot: in a batch rounding depends on how many others there are."""
-    stack = observation.image[robot : robot + 1]
+    stack = seen.image[robot : robot + 1]
     stack = stack[..., -3 * policy.contract.frames :]  # it may know fewer than the task has
     frames = [stack[..., k : k + 3] for k in range(0, stack.shape[-1], 3)]
     pictures = [preprocess_batch(frame, policy.contract.image) for frame in frames]
     picture = np.concatenate(pictures, axis=-1)
-    path = None if observation.path is None else observation.path[robot : robot + 1]
+    path = None if seen.path is None else seen.path[robot : robot + 1]
     if zero == "image":
         picture = np.zeros_like(picture)
     elif zero == "path":

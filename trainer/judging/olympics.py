@@ -106,9 +106,7 @@ class LaneRules:
             tile = self._map.tile_at(pose[0], pose[1])
             if where and tile is not None:
                 used = first.setdefault((tile.row, tile.column), where[0].name)
-                ways = [
-                    Pose(*each.middle).to_robot(then[:2])[0] for each in where if each.name == used
-                ]
+                ways = [Pose(*at.middle).to_robot(then[:2])[0] for at in where if at.name == used]
                 total_m += max(map(float, ways), default=0.0)
         return total_m
 

@@ -69,10 +69,8 @@ def _words(seen: Seen) -> tuple[str, ...]:
     )
 
 
-def _line(
-    picture: np.ndarray, floor_m: np.ndarray, rig: CameraRig, colour: tuple[int, ...]
-) -> None:
+def _line(picture: np.ndarray, floor_m: np.ndarray, rig: CameraRig, rgb: tuple[int, ...]) -> None:
     pixels = rig.to_pixels(np.column_stack((floor_m, np.zeros(len(floor_m)))))
     near = np.abs(pixels).max(axis=1) < _FAR_PX  # nor a NaN
     points = np.rint(pixels[near]).astype(np.int32)
-    cv2.polylines(picture, [points[:, None]], False, colour, 3, cv2.LINE_AA)
+    cv2.polylines(picture, [points[:, None]], False, rgb, 3, cv2.LINE_AA)

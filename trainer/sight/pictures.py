@@ -118,9 +118,7 @@ def drive(task: Task, looks: Looks, seed: int, decisions: int) -> Pictures:
         poses = shown[:, 0]
         for i, places in enumerate(shown[:, 1:].tolist()):
             moving = [Other(x, y, half_m=m) for (x, y, _), m in zip(places, halves_m, strict=True)]
-            others = still(scenes[i]) + [
-                each for each in moving if math.isfinite(each.x_m + each.half_m)
-            ]
+            others = still(scenes[i]) + [m for m in moving if math.isfinite(m.x_m + m.half_m)]
             labels[k, i] = label(views[where[i]], poses[i].tolist(), others)
         labels[k, :, NEW] = (poses != last).any(axis=1)
         labels[k, :, DRIVEN_M] = driven_m

@@ -167,9 +167,7 @@ def _choices(options: Any, many: SweepOptions, seed_step: int) -> dict[str, list
     choices: dict[str, list[Any]] = {}
     given = {} if many.matrix is None else read_yaml(many.matrix)
     if not isinstance(given, dict):
-        raise ConfigError(
-            f"{many.matrix}: expected options with lists of values, got {type(given).__name__}"
-        )
+        raise ConfigError(f"{many.matrix}: expected options with lists, got {type(given).__name__}")
     for key, values in given.items():
         if not isinstance(values, list) or not values:
             raise ConfigError(f"{many.matrix}: {key}: expected a list of values, got {values!r}")
@@ -178,9 +176,7 @@ def _choices(options: Any, many: SweepOptions, seed_step: int) -> dict[str, list
         choices[name] = [[v] if several and isinstance(v, str) else v for v in values]
     if many.seeds is not None:
         if many.seeds < 1 or "seed" in choices:
-            raise ConfigError(
-                f"seeds: expected 1 or more, and no seed in the matrix, got {many.seeds}"
-            )
+            raise ConfigError(f"seeds: expected 1 or more, no seed in the matrix, got {many.seeds}")
         choices["seed"] = [options.seed + k * seed_step for k in range(many.seeds)]
     return choices
 

@@ -118,9 +118,7 @@ class Crew:
         self._server.settimeout(_LOOK_S)
         where = host, self._server.getsockname()[1], self._key
         orders = (where, self._config, self._make_env, self._folder)
-        self._followers = [
-            self._launcher.start(follow, rank, *orders) for rank in range(1, workers)
-        ]
+        self._followers = [self._launcher.start(follow, k, *orders) for k in range(1, workers)]
 
 
 def follow(

@@ -101,11 +101,7 @@ def apart(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def descend(
-    views: Views,
-    values: np.ndarray,
-    steps: int,
-    at: np.ndarray | None = None,
-    spread: Spread = map,
+    views: Views, values: np.ndarray, steps: int, at: np.ndarray | None = None, spread: Spread = map
 ) -> Fitted:
     """Gauss and Newton's steps from values (9,); before each the poses find their places.
 
@@ -146,9 +142,7 @@ def asked(
     return now, *map(np.array, zip(*found, strict=True))
 
 
-def agreed(
-    matrices: np.ndarray, pulls: np.ndarray, prior: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def agreed(matrices: np.ndarray, pulls: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, ...]:
     """The step (G,) on which pictures agree most, by normal equations of each, and its matrix.
 
     One with clutter, or out of its place, errs in all its pixels alike: who pulls away from the

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from robot.errors import ConfigError
+from robot.output import expect_writable
 
 
 def fit_command(
@@ -33,6 +34,7 @@ def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, 
     from trainer.twin.fit import fit_twin, write_twin, write_twin_page
     from trainer.twin.recorded import read_drives
 
+    expect_writable(out, out.with_suffix(".html"), inputs=recordings)
     drives = read_drives(recordings, lambda line: console.print(line, markup=False))
     if not any(drive.map_name for drive in drives):
         return drives, [None] * len(drives), None

@@ -129,5 +129,5 @@ def _since_takeover(turns: Sequence[Turn]) -> list[float | None]:
         if turn.state == "MANUAL" and before == "AUTO":
             began_s = turn.time_s
         found.append(turn.time_s - began_s if turn.state == "MANUAL" else None)
-        before = turn.state
+        before = turn.state or before  # people mark bad what made them take over
     return found

@@ -161,9 +161,7 @@ def fit_twin(drives: Sequence[Recorded], spread: seen.Spread = map) -> Twin:
         found |= colours_told(colours, camera, unseen)
     else:
         told = dict(enumerate(above))
-        unseen.append(
-            f"camera, lens and colours: the map explains only {camera.share:.0%} of the pictures"
-        )
+        unseen.append(f"camera, lens, colours: the map explains {camera.share:.0%} of the pictures")
     found |= _motion_of(drives, told, motion, known, unseen)
     found["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives])), 0.01
     for name, (value, sd) in found.items():
@@ -187,10 +185,7 @@ def _still(drive: Recorded) -> list[np.ndarray]:
 
 
 def _tracks(
-    drives: Sequence[Recorded],
-    near: Sequence[np.ndarray],
-    camera: seen.Fitted,
-    spread: seen.Spread,
+    drives: Sequence[Recorded], near: Sequence[np.ndarray], camera: seen.Fitted, spread: seen.Spread
 ) -> dict[int, moved.Told]:
     """Where the eye was in pictures of the drives, by number, whose pictures tell it."""
     told = {}

@@ -2,17 +2,19 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap, load_map
 from robot.recording import topics
 from robot.recording.drive_file import picture
-from robot.recording.reader import entries, read_about, turn_of
+from robot.recording.reader import entries, kept, read_about, read_pieces, turn_of
 from robot.recording.topics import Turn
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S
@@ -68,13 +70,15 @@ def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Re
 
 def read_drive(path: Path) -> Recorded:
     """UnfitError: too short, or on a map without any pose; ConfigError: no recording."""
-    turns, frames = list[Turn](), dict[int | None, bytes]()
+    turns, frames, pieces = list[Turn](), dict[int | None, bytes](), read_pieces(path)
     overhead, fused = list[list[float]](), list[list[float]]()
     for entry in entries(path, topics.CAMERA, topics.TURN, topics.OVERHEAD, topics.POSE):
         if entry.topic == topics.CAMERA.name:
             frames[entry.number] = topics.image_bytes(entry.message())
         elif entry.topic == topics.TURN.name:
-            turns.append(turn_of(path, entry))
+            turn = turn_of(path, entry)
+            good = kept(pieces, entry.topic, entry.time_s)
+            turns.append(turn if good else replace(turn, state=""))
         elif entry.topic == topics.POSE.name:
             fused.append([turns[-1].time_s, *_place(entry.message())])
         elif turns[-1].pose_age_s is not None and (message := entry.message())["heading_known"]:
@@ -82,7 +86,7 @@ def read_drive(path: Path) -> Recorded:
     about = read_about(path)
     map_name, hat = about.get("map", ""), json.loads(about.get("config", "{}")).get("hat", {})
     seconds = turns[-1].time_s - turns[0].time_s if turns else 0.0
-    if seconds < LEAST_S or (map_name and not (overhead or fused)):
+    if seconds < LEAST_S or not frames or (map_name and not (overhead or fused)):
         raise UnfitError(
             f"{path}: expected {LEAST_S:g} s and more of driving, on a map with poses, got "
             f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
@@ -93,7 +97,7 @@ def read_drive(path: Path) -> Recorded:
     seen = [frames.get(turn.frame) for turn in turns]
     each = zip(turns, seen, [None, *seen[:-1]], strict=True)
     fresh = [turn for turn, now, last in each if now not in (None, last)]
-    images = [picture(frames[turn.frame]) for turn in fresh]
+    images = [fit_to_frame(picture(frames[turn.frame])) for turn in fresh]
     begun = np.array((begin_s, 0.0, 0.0, 0.0))
     above, own = (np.array(told).reshape(-1, 4) - begun for told in (overhead, fused))
     most_mps2 = float(hat.get("acceleration_mps2", DriveLook.acceleration_mps2))

@@ -57,9 +57,10 @@ def base_file(name: str) -> Path:
 
 
 def new_model(folder: Path) -> Path:
-    """Where a taught policy is to lie; ConfigError if one lies there that was proven."""
-    if (path := folder / "model.onnx").exists() and read_contract(path).proof:
-        raise ConfigError(f"{path}: expected no taught policy here yet; choose another --out")
+    """Where a taught policy is to lie; ConfigError unless what lies there was left half-way."""
+    path = folder / "model.onnx"
+    if path.exists() and ((left := read_contract(path)).proof or not left.taught_from):
+        raise ConfigError(f"{path}: expected no policy here yet; choose another --out")
     return path
 
 

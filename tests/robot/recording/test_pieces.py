@@ -13,6 +13,7 @@ from robot.recording.reader import (
     Piece,
     cut,
     entries,
+    kept,
     mark,
     read_about,
     read_attachment,
@@ -117,3 +118,12 @@ def test_what_is_no_recording_is_told_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as told:
         read_pieces(tmp_path / "none.mcap")
     assert str(told.value).count("expected") == 1
+
+
+@pytest.mark.parametrize("piece", [Piece(5.0, 5.2, "good"), Piece(4.0, 4.95, "bad")])
+def test_a_picture_stays_for_every_turn_that_may_have_seen_it(piece: Piece) -> None:
+    """Whatever turn stays: one that lies between two pieces has what it saw, too."""
+    pieces = [piece] if piece.kind == "good" else [piece, Piece(5.15, 9.0, "bad")]
+    assert kept(pieces, "/turn", 5.0)
+    assert all(kept(pieces, "/camera", 5.0 - age_s) for age_s in (0.0, 0.1, 0.2, 0.29))
+    assert not kept(pieces, "/camera", 4.6)

@@ -43,6 +43,13 @@ def test_only_a_taught_policy_needs_a_proof() -> None:
         ({"drives": 0, "steered": 39, "foretold": 39}, "39 moments of steering, expected 40"),
         ({"drives": 0, "steered": 0, "foretold": 0}, "0 moments"),
         ({"drives": 0, "foretold": 74}, "74%"),
+        ({"low": 0.95}, "contradict"),  # more sure than 94 of 100 can be
+        ({"low": 5.0}, "contradict"),
+        ({"succeeded": 101}, "contradict"),
+        ({"succeeded": 0}, "contradict"),
+        ({"drives": -1, "succeeded": -1}, "contradict"),
+        ({"foretold": 101}, "contradict"),
+        ({"steered": -5, "foretold": 0}, "contradict"),
     ],
 )
 def test_a_proof_below_the_bar_is_none(changes: Any, said: str) -> None:
