@@ -194,7 +194,7 @@ class Detector:
         least_m = 0.5 * min(min(m.blue_m) for m in self._of["tag"])
         reach = int(1.5 * max(sides_m) * self._scales[1]) + 2
         zoom = int(np.clip(math.ceil(TAG_SIDE_PX / (min(sides_m) * self._scales[0])), 1, 3))
-        found: List[Detection] = []
+        found: List[Detection] = []  # two boards side by side show each tag twice
         for rear in rears:
             if rear.sides_m[0] <= least_m:
                 continue
@@ -204,7 +204,6 @@ class Detector:
                 for marker in self._of["tag"]:
                     pixels = corners_px + np.array(corner_px)
                     seen = self._tag(marker, pixels) if number == marker.tag else None
-                    # Two boards side by side show each tag twice.
                     if seen and all(math.dist(seen.pixel, other.pixel) > 2.0 for other in found):
                         found.append(seen)
         return found

@@ -45,8 +45,7 @@ def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, 
     for name, (value, sd) in twin.found.items():
         if not isinstance(value, list):
             console.print(f"{name:24} {value:9.4g} ± {2.0 * sd:.2g}", markup=False)
-    for line in (*twin.unseen, f"{out}; {page}"):
-        console.print(line, markup=False)
+    console.print("\n".join((*twin.unseen, f"{out}; {page}")), markup=False)
     return drives, twin.places, drives[0].road_map
 
 
@@ -101,8 +100,7 @@ def teach_command(
         row = bar.add_task("proof", total=2 * drives)
         given = twin, held_out, drives, lambda _: bar.advance(row)
         before, proof = (prove(file, *given) for file in (path, model))
-    proven = replace(taught, proof=proof)
-    export_network(network, proven, model)
+    export_network(network, proven := replace(taught, proof=proof), model)
     console.print(f"before: {before.sentence}\n{model}: {proof.sentence}", markup=False)
     known = "succeeded" if twin else "foretold"
     if worse := getattr(proof, known) < getattr(before, known):

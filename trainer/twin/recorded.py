@@ -70,14 +70,13 @@ def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Re
 
 def read_drive(path: Path) -> Recorded:
     """UnfitError: too short, or on a map without any pose; ConfigError: no recording."""
-    turns, frames, pieces = list[Turn](), dict[int | None, bytes](), read_pieces(path)
+    turns, frames, marks = list[Turn](), dict[int | None, bytes](), read_pieces(path)
     overhead, fused = list[list[float]](), list[list[float]]()
     for entry in entries(path, topics.CAMERA, topics.TURN, topics.OVERHEAD, topics.POSE):
         if entry.topic == topics.CAMERA.name:
             frames[entry.number] = topics.image_bytes(entry.message())
         elif entry.topic == topics.TURN.name:
-            turn = turn_of(path, entry)
-            good = kept(pieces, entry.topic, entry.time_s)
+            turn, good = turn_of(path, entry), kept(marks, entry.topic, entry.time_s)
             turns.append(turn if good else replace(turn, state=""))
         elif entry.topic == topics.POSE.name:
             fused.append([turns[-1].time_s, *_place(entry.message())])
@@ -91,21 +90,18 @@ def read_drive(path: Path) -> Recorded:
             f"{path}: expected {LEAST_S:g} s and more of driving, on a map with poses, got "
             f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
         )
-    begin_s = turns[0].time_s
-    turned_s = np.array([t.time_s for t in turns]) - begin_s
+    turned_s = np.array([t.time_s for t in turns]) - (begin_s := turns[0].time_s)
     grid_s = (np.arange(round(turned_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
     seen = [frames.get(turn.frame) for turn in turns]
     each = zip(turns, seen, [None, *seen[:-1]], strict=True)
     fresh = [turn for turn, now, last in each if now not in (None, last)]
     images = [fit_to_frame(picture(frames[turn.frame])) for turn in fresh]
-    begun = np.array((begin_s, 0.0, 0.0, 0.0))
-    above, own = (np.array(told).reshape(-1, 4) - begun for told in (overhead, fused))
-    most_mps2 = float(hat.get("acceleration_mps2", DriveLook.acceleration_mps2))
-    step = most_mps2 * PHYSICS_DT_S
+    above, own = (np.reshape(t, (-1, 4)) - (begin_s, 0.0, 0.0, 0.0) for t in (overhead, fused))
+    step = PHYSICS_DT_S * (most := float(hat.get("acceleration_mps2", DriveLook.acceleration_mps2)))
     asked = np.array([t.wheels for t in turns])[np.searchsorted(turned_s, grid_s, "right") - 1]
     commands = np.array([*accumulate(asked, lambda v, new: np.clip(new, v - step, v + step))])
     skipped = 1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns))
-    told = np.array(images), above, own, skipped, tuple(fresh), most_mps2
+    told = np.array(images), above, own, skipped, tuple(fresh), most
     return Recorded(map_name, commands, np.array([t.time_s - begin_s for t in fresh]), *told)
 
 
