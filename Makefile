@@ -16,7 +16,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v == (3, 11) or sys.exit("duckpilot: expected Python 3.11 (PyBullet has no newer wheel), got %d.%d; try: make PYTHON=python3.11 ..." % v)'
 	$(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install --quiet --upgrade pip
-	$(PY) -m pip install --progress-bar on --constraint constraints.txt --editable '.[trainer,monitor,scale,dev]'
+	$(PY) -m pip install --progress-bar on --constraint constraints.txt --editable '.[trainer,monitor,scale,lerobot,dev]'
 	@touch $@
 
 test: $(STAMP)  ## everything that CI runs, two parts at a time

@@ -14,17 +14,18 @@ from typing import Any, List, Tuple
 from robot.bringup import chessboard
 from robot.bringup.roller import Prompts, Roller
 from robot.bringup.wheels import GUIDES, Values
-from robot.camera.files import read_picture
+from robot.camera.files import read_picture, write_png
 from robot.command_line import number
 from robot.computer.clock import MonotonicClock
 from robot.computer.systemd import on_ending
-from robot.config import RobotConfig
+from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
 from robot.hat.thread import real_motors
 from robot.output import write_bytes, write_text
 from robot.typed_config import from_plain, load_yaml, read_yaml, to_plain
 
 NEAR_EDGE_M = 0.18
+PICTURES = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     told = "from the wheels' axle to the nearest row of squares (default %(default)s)"
     camera.add_argument("--ahead-m", type=number(0.02, 2.0), default=NEAR_EDGE_M, help=told)
     lens = kinds.add_parser("lens", help="the lens: pictures of the board at many angles")
-    lens.add_argument("--images", type=Path, required=True, help="folder of pictures of the board")
+    lens.add_argument(
+        "--images", type=Path, required=True, help="folder of pictures; a new one: take them"
+    )
     for each in (trim, baseline, camera, lens):
         each.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
 
@@ -58,6 +61,8 @@ def run(options: argparse.Namespace) -> None:
     if options.what == "camera":
         values = measure_camera(config, options.image, options.ahead_m, person)
     elif options.what == "lens":
+        if not options.images.exists():
+            take_boards(config.camera, options.images, person)
         boards, size = chessboard.boards_from_files(options.images)
         lens, residual_px = chessboard.fit_lens(boards, size)
         person.tell(f"{len(boards)} pictures; residual {residual_px:.2f} px")
@@ -67,6 +72,15 @@ def run(options: argparse.Namespace) -> None:
             values = GUIDES[options.what](Roller(motors, config.hat, MonotonicClock()), person)
     for edit in edit_yaml(options.config, values):
         person.tell(edit)
+
+
+def take_boards(camera: CameraConfig, folder: Path, person: Prompts) -> None:
+    """Pictures of the board by the robot's own camera; OSError: the folder cannot be made."""
+    folder.mkdir()
+    for k in range(1, PICTURES + 1):
+        if not person.agrees(f"picture {k} of {PICTURES}: take it? n ends"):
+            break
+        write_png(folder / f"{k:02}.png", chessboard.take_picture(camera))
 
 
 def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person: Prompts) -> Values:

@@ -188,7 +188,7 @@ def _mount(mount: Mount) -> Finding:
     name, nominal = "camera mount", Mount()
     if mount == nominal:
         says = "not measured: the nominal mount is assumed"
-        return Finding(name, WARN, says, "python -m robot calibrate camera")
+        return Finding(name, WARN, says, "duckpilot calibrate camera")
     tilt_rad = mount.pitch_rad - nominal.pitch_rad
     lift_m = mount.height_m - nominal.height_m
     off = abs(tilt_rad) > PITCH_TOLERANCE_RAD or abs(lift_m) > HEIGHT_TOLERANCE_M
@@ -210,7 +210,7 @@ def check_policy(config: RobotConfig) -> Finding:
         policy = open_policy(config.model, config.translator)
         timing = time_decisions(policy, DECISIONS)
     except DuckpilotError as error:
-        return _refused("policy", error, "set `model` to a policy of python -m trainer export")
+        return _refused("policy", error, "set `model` to a policy of duckpilot export")
     contract = policy.contract
     lost = contract.path_points > 0 and not config.map
     slow = f", of {1e3 * CONTROL_DT_S:.0f} ms between two decisions"
@@ -246,8 +246,9 @@ def _link(machine: Machine, config: RobotConfig) -> Iterator[Finding]:
         place = f"at {link.localizer_host}:{link.base_port}"
         problem = machine.connects(link.localizer_host, link.base_port)
         says = f"does not answer {place}: {problem}" if problem else f"answers {place}"
+        says += "; sight tells the place" if problem and config.sight else ""
         remedy = f"is it running? ping {link.localizer_host}; mend link.localizer_host"
-        yield _judged("localizer", says, (bool(problem), WARN, "", remedy))
+        yield _judged("localizer", says, (bool(problem and not config.sight), WARN, "", remedy))
 
 
 def _keys(link: LinkConfig) -> Finding:

@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     status = subprocess.run(command, check=False).returncode
     if status != 0:
         raise HardwareError(f"the last step above ended with status {status}; mend it, run again")
-    print("Next: python -m robot doctor --config /etc/duckpilot/robot.yaml")
+    print("Next: /opt/duckpilot/venv/bin/duckpilot doctor --config /etc/duckpilot/robot.yaml")
     print("then: sudo systemctl start duckpilot-robot.service")
 
 

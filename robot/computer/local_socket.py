@@ -16,7 +16,7 @@ def connect_local(path: str, what: str, silence_s: float) -> socket.socket:
         connection.close()
         raise HardwareError(
             f"{path}: expected {what}, got: {error.strerror or error}; "
-            "start the virtual hardware first (python -m tools.loop)"
+            "start the virtual hardware first (duckpilot loop)"
         ) from error
     return connection
 

@@ -54,7 +54,7 @@ class MotorConfig:
     """Where one motor is plugged in, and whether its positive direction drives backwards.
 
     ``gain`` is how far this wheel really rolls in a step, as a share of what ``wheel_radius_m``
-    says: no two wheels are equal. ``python -m robot calibrate trim`` finds it.
+    says: no two wheels are equal. ``duckpilot calibrate trim`` finds it.
     """
 
     port: Literal["M1M2", "M3M4"]
@@ -74,7 +74,7 @@ class HatConfig:
     """All settings of the motor side; speeds are of the wheels' rims. ConfigError: out of range."""
 
     bus: int = 1  # pins 3 and 5: 1 on a Jetson Nano, 7 on an Orin Nano
-    socket: str = ""  # of a virtual bus (python -m tools.loop), instead of /dev/i2c-<bus>
+    socket: str = ""  # of a virtual bus (duckpilot loop), instead of /dev/i2c-<bus>
     bus_hz: int = 100_000  # as the kernel sets it; a Nano's bus 1 runs at 100 kHz
     addresses: Tuple[int, ...] = USUAL_ADDRESSES  # tried in this order
     left: MotorConfig = MotorConfig("M1M2")

@@ -32,7 +32,7 @@ from robot.parts import Policy
 
 TOLERANCE = 1e-6  # of an action's two numbers
 SHIPPED_MODELS = Path(__file__).parent.parent / "models"
-REMEDY = "export the policy with python -m trainer export"
+REMEDY = "export the policy with duckpilot export"
 
 
 class OnnxPolicy(Network[PolicyContract]):
@@ -175,7 +175,7 @@ def time_decisions(policy: Policy, decisions: int = DECISIONS) -> PolicyTiming:
 Direction = Literal["sim-to-real", "real-to-sim", "to-parsing"]
 DIRECTIONS: Tuple[Direction, Direction] = ("sim-to-real", "real-to-sim")
 PARSING: Direction = "to-parsing"  # of a parser: the classes it sees, in simulation as in reality
-TRANSLATOR_REMEDY = "make the translator with python -m trainer translate train"
+TRANSLATOR_REMEDY = "make the translator with duckpilot translate train"
 Translator = Callable[[np.ndarray], np.ndarray]  # (N, H, W, 3) uint8 RGB, into a fresh array
 
 

@@ -112,7 +112,7 @@ def _write(path: Path, role: str, key: bytes, mode: int = 0o644) -> None:
 
 def _read(path: Path) -> Tuple[str, bytes]:
     """Role and key."""
-    remedy = "make keys with: python -m robot keygen DIR"
+    remedy = "make keys with: duckpilot keygen DIR"
     try:
         with path.open(encoding="ascii", errors="replace") as file:
             words = file.read(READ_LIMIT).split()

@@ -241,7 +241,7 @@ register(
         name="track",
         title="Race tracks",
         purpose=(
-            "Racing on tracks: for the simulator's cars, `python -m trainer evaluate`. A robot "
+            "Racing on tracks: for the simulator's cars, `duckpilot evaluate`. A robot "
             "refuses it, it was trained for another vehicle."
         ),
         kind=TrackRacing,

@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import pytest
 
+import robot
 from robot.cli import main
 from robot.cli.doctor import FAIL, OK, WARN, Finding, examine
 from robot.computer.machine import CameraLook, Machine
@@ -100,6 +101,15 @@ def test_a_healthy_robot_is_well_in_every_respect(patient: Patient, config: Path
     assert not any(finding.remedy for finding in findings.values())
     assert len(findings) == 12
     assert patient.asked_of_disk == (Path("/no/such/folder/yet"), 500.0)
+
+
+def test_a_robot_with_sight_does_without_a_localizer(patient: Patient, config: Path) -> None:
+    sight = Path(robot.__file__).parent / "models" / "sight.onnx"
+    config.write_text(config.read_text() + f"sight: {sight}\n")
+    patient.unreachable = "timed out"
+    found = diagnose(patient, config)["localizer"]
+    assert (found.level, found.remedy) == (OK, "")
+    assert found.says.endswith("timed out; sight tells the place")
 
 
 Ail = Callable[[Patient], object]

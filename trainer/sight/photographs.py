@@ -75,7 +75,8 @@ def frames_of(site: Site, photographs: Path) -> Iterator[tuple[Annotated, np.nda
     for drawn in site.photographs:
         path = photographs / site.folder / "images" / drawn.file
         if not path.is_file():
-            raise ConfigError(f"{path}: expected an annotated photograph, found none")
+            told = f"expected it, or your own {SHIPPED.name} in {photographs}, found none"
+            raise ConfigError(f"{path}: {told}")
         yield drawn, fit_to_frame(read_picture(path))
 
 

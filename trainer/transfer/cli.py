@@ -57,7 +57,7 @@ class ThroughOptions:
 
     sim: str  # A collection from the simulator.
     real: str  # A folder of photographs, or a collection of another look that stands for them.
-    parser: str = ""  # What labels photographs (python -m trainer parse train --labels road), .pt.
+    parser: str = ""  # What labels photographs (duckpilot parse train --labels road), .pt.
     preset: str = "fast"  # The pictures are those of the policies of this preset.
     net: Literal["small", "paper"] = "small"  # Of pix2pix.
     steps: int = 2000  # Updates of each of the two networks.
@@ -76,7 +76,7 @@ class ThroughOptions:
 
 
 def is_collection(folder: Path) -> bool:
-    """Whether the simulator's frames and labels lie there (``python -m trainer collect``)."""
+    """Whether the simulator's frames and labels lie there (``duckpilot collect``)."""
     return (folder / "collection.yaml").exists()
 
 
@@ -108,7 +108,7 @@ def translate_train_command(
     Tells at last, of the pictures that it learned from, what `translate judge` tells of others.
 
     Args:
-        sim: collections from the simulator (python -m trainer collect).
+        sim: collections from the simulator (duckpilot collect).
         real: folders of photographs, videos or robots' recordings (.mcap); each is drawn from
             equally often.
         preset: fast (80x40), paper (160x120) or debug.

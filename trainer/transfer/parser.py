@@ -29,7 +29,7 @@ from trainer.transfer.labelled import LABEL_SETS, VOID, Labelled, LabelSet, load
 from trainer.transfer.networks import SEGNETS, SegNet, painted, through
 from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
 
-_WHAT = "a parser, parser.pt of python -m trainer parse train"
+_WHAT = "a parser, parser.pt of duckpilot parse train"
 LEARNING_RATE = 2e-3  # falls to zero along a cosine
 CROPS = (0.6, 1.0)  # share of the frame's height and width
 MOST_WEIGHT = 3.16  # of a class

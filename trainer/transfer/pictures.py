@@ -75,7 +75,7 @@ def label_of(picture: Path) -> np.ndarray:
     if label is None:
         raise ConfigError(
             f"{path}: expected the labels of {picture.name}, got none; "
-            "gather frames with python -m trainer collect"
+            "gather frames with duckpilot collect"
         )
     return np.asarray(label)
 

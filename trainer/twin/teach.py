@@ -19,6 +19,7 @@ from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ConfigError, ContractError, DuckpilotError
 from robot.inference.policy import SHIPPED_MODELS, Translator, read_contract
 from robot.navigation.road_map import RoadMap, load_map
+from robot.typed_config import named_file
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import Looks
 from sim_pybullet.randomise import Sites, load_look_sampler
@@ -51,9 +52,8 @@ class TeachConfig:
 
 
 def base_file(name: str) -> Path:
-    """A file, or a shipped policy by its name."""
-    shipped = SHIPPED_MODELS / f"{name}.onnx"
-    return shipped if shipped.exists() else Path(name)
+    """A file, or a shipped policy by its name; ConfigError for neither."""
+    return named_file("base", name, {file.stem: file for file in SHIPPED_MODELS.glob("*.onnx")})
 
 
 def new_model(folder: Path) -> Path:

@@ -17,9 +17,9 @@ from robot.bringup.chessboard import (
     fit_lens,
     fit_mount,
 )
-from robot.camera.files import write_png
+from robot.camera.files import read_picture, write_png
 from robot.cli import main
-from robot.config import RobotConfig
+from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
 from robot.typed_config import load_yaml
@@ -139,6 +139,27 @@ def test_pictures_of_the_board_are_read_from_a_folder(tmp_path: Path) -> None:
     write_png(tmp_path / "zz-no-board.png", np.full((480, 640, 3), 128, np.uint8))
     boards, size = chessboard.boards_from_files(tmp_path)
     assert (len(boards), size) == (len(MOUNTS), (640, 480))
+
+
+def test_pictures_of_the_board_are_taken_by_the_robots_camera_until_there_are_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """So mode, size and flip are the ones that it drives with."""
+    config, boards = tmp_path / "robot.yaml", tmp_path / "boards"
+    config.write_text("model: m.onnx\ncamera: {kind: v4l2, number: 7}\n")
+    answers, cameras = iter("yyyn"), []
+
+    def take(camera: CameraConfig) -> np.ndarray:
+        cameras.append(camera.number)
+        return np.full((480, 640, 3), len(cameras), np.uint8)
+
+    monkeypatch.setattr("builtins.input", lambda _: next(answers))
+    monkeypatch.setattr(chessboard, "take_picture", take)
+    arguments = ["calibrate", "lens", "--images", str(boards), "--config", str(config)]
+    assert main(arguments) == 2
+    assert "expected 8 pictures or more" in capsys.readouterr().err
+    assert cameras == [7, 7, 7]
+    assert [read_picture(file)[0, 0, 0] for file in sorted(boards.iterdir())] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("size", [(1280, 720), (480, 640)])

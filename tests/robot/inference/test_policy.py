@@ -89,7 +89,7 @@ def test_an_absent_file_is_refused(tmp_path: Path) -> None:
 def test_a_file_too_new_for_onnxruntime_is_refused(tmp_path: Path) -> None:
     for versions in ({"ir_version": 99}, {"opset": 99}):
         path = write_policy(tmp_path / "m.onnx", lane_contract(), **versions)
-        assert "export the policy with python -m trainer export" in refusal(path)
+        assert "export the policy with duckpilot export" in refusal(path)
 
 
 def test_metadata_must_be_there_and_ours(tmp_path: Path) -> None:
