@@ -222,4 +222,4 @@ def _lens(name: str, width_px: int, height_px: int) -> Tuple[Lens, bool]:
     """The lens to start from, and whether it is known already."""
     if name in MODELS or not Path(name).is_file():
         return guess_lens(name, width_px, height_px), False
-    return load_yaml(Lens, name).scaled(width_px, height_px), True
+    return load_yaml(Lens, name).of_picture(width_px, height_px), True

@@ -51,13 +51,7 @@ class Lens:
         )
 
     def scaled(self, width_px: int, height_px: int) -> "Lens":
-        """The same lens read out at another picture size (pixel areas, not centres, scale).
-
-        ConfigError: a picture of another shape.
-        """
-        if self.width_px * height_px != self.height_px * width_px:
-            told = f"expected a picture of the lens' shape, {self.width_px}x{self.height_px}"
-            raise ConfigError(f"{told}, got {width_px}x{height_px}")
+        """The same lens read out at another picture size (pixel areas, not centres, scale)."""
         sx, sy = width_px / self.width_px, height_px / self.height_px
         return replace(
             self,
@@ -68,6 +62,13 @@ class Lens:
             cx_px=(self.cx_px + 0.5) * sx - 0.5,
             cy_px=(self.cy_px + 0.5) * sy - 0.5,
         )
+
+    def of_picture(self, width_px: int, height_px: int) -> "Lens":
+        """As `scaled`, of what is not stretched; ConfigError: a picture of another shape."""
+        if self.width_px * height_px != self.height_px * width_px:
+            told = f"expected a picture of the lens' shape, {self.width_px}x{self.height_px}"
+            raise ConfigError(f"{told}, got {width_px}x{height_px}")
+        return self.scaled(width_px, height_px)
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (..., 2) as (u, v) -> unit rays (..., 3) in the camera frame."""

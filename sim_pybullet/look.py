@@ -98,7 +98,7 @@ class ClutterLook:
 class CameraLook(Mount):
     """How this robot's camera is mounted, and how its lens differs from the nominal one."""
 
-    height_m: Annotated[float, (0.01, 2.0)] = Mount.height_m
+    height_m: Annotated[float, (0.01, 1.0)] = Mount.height_m
     pitch_rad: Annotated[float, (-0.5 * math.pi, 0.5 * math.pi)] = Mount.pitch_rad
     focal_scale: Annotated[float, (0.2, 5.0)] = 1.0  # below 1 it sees more
     distortion_scale: Annotated[float, (-2.0, 2.0)] = 1.0

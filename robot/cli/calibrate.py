@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> None:
     if options.what == "camera":
         values = measure_camera(config, options.image, options.ahead_m, person)
     elif options.what == "lens":
-        if not options.images.exists():
+        if not any(options.images.glob("*")):
             take_boards(config.camera, options.images, person)
         boards, size = chessboard.boards_from_files(options.images)
         lens, residual_px = chessboard.fit_lens(boards, size)
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> None:
 
 def take_boards(camera: CameraConfig, folder: Path, person: Prompts) -> None:
     """Pictures of the board by the robot's own camera; OSError: the folder cannot be made."""
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     for k in range(1, PICTURES + 1):
         if not person.agrees(f"picture {k} of {PICTURES}: take it? n ends"):
             break
@@ -93,7 +93,7 @@ def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person:
             "squares, found none; lay it before the robot, in even light, with nothing on it"
         )
     size: Tuple[int, int] = (picture.shape[1], picture.shape[0])
-    lens, before = config.camera.lens.scaled(*size), config.camera.mount
+    lens, before = config.camera.lens.of_picture(*size), config.camera.mount
     mount, residual_px = chessboard.fit_mount(corners, lens, near_edge_m, before)
     person.tell(
         f"pitch {math.degrees(mount.pitch_rad):.2f}°, roll {math.degrees(mount.roll_rad):.2f}°, "

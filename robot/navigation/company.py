@@ -8,7 +8,7 @@ import numpy as np
 from robot.geometry import Pose
 from robot.link.messages import PoseMessage, Telemetry
 from robot.navigation.lane_view import LaneView
-from robot.navigation.neighbours import Neighbours
+from robot.navigation.neighbours import STILL_MPS, Neighbours
 from robot.safety.road_ahead import RoadAhead
 
 BELIEVED_M = 0.05  # standard deviation of what a robot tells of its place
@@ -48,8 +48,10 @@ class Company(Neighbours):
                 stamp = said.session, said.sequence, said.t_sent_s
                 told.append(PoseMessage(name, *said.pose, 1.0, said.t_sent_s, *stamp))
         for name, at_s in self._take([*told, *self._above], now_s).items():
-            stood_s = at_s - self._tracks[name].moved_s
-            if name in long_m and (long_m[name] <= KNOWN_M or stood_s > STANDS_S):
+            track = self._tracks[name]
+            stands = math.hypot(*track.velocity_mps) <= STILL_MPS
+            stands &= at_s - track.moved_s > STANDS_S
+            if name in long_m and (long_m[name] <= KNOWN_M or stands):
                 self._said_s[name] = at_s
         self._heard_s = min(self._said_s.values(), default=now_s)
         return super().ahead(now_s, pose, way_m)

@@ -90,8 +90,8 @@ class DriveFile:
         self._stream.flush()
         os.fsync(self._stream.fileno())
         size = self._stream.tell()
-        self._stream.close()
         os.replace(self.partial, self.path)
+        self._stream.close()
         return size
 
     def abandon(self) -> None:

@@ -144,11 +144,11 @@ def recover_folder(folder: PathLike) -> Iterator[Path]:
     for path in sorted(Path(folder).glob(f"*{UNFINISHED}")):
         whole = path.with_name(path.name[: -len(UNFINISHED)] + SUFFIX)
         try:
-            with path.open("rb") as partial:
+            with path.open("r+b") as partial:
                 fcntl.flock(partial, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 copy(path, whole, lambda *_: True, {"recovered": {}})
-        except (ConfigError, BlockingIOError):
-            continue  # not ours, not even a beginning, or under way
+        except (ConfigError, BlockingIOError, FileNotFoundError, IsADirectoryError):
+            continue  # not ours, not even a beginning, under way, or just completed
         path.unlink()
         yield whole
 

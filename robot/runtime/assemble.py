@@ -126,8 +126,6 @@ def open_navigator(
 ) -> MissionNavigator:
     """Plans on the map, from overhead poses, steps and sight; DuckpilotError: one is wrong."""
     glimpse = Glimpse(OnnxSight(config.sight), camera.read) if config.sight else None
-    if reports and not glimpse:
-        raise ConfigError("link.robots: expected sight as well: who has none tells others nothing")
     road_map = load_map(config.map)
     view = LaneView(road_map)
     others = Neighbours(view, config.name) if config.rules.headway else None

@@ -111,7 +111,7 @@ def test_the_pictures_of_a_file_are_not_published(arena, capsys):
     )
     where = ["--source", str(arena), "--link", str(arena / "link.yaml")]
     assert main(["run", "--calibration", str(arena / "arena.yaml"), *where]) == 2
-    assert "expected a camera with --link" in capsys.readouterr().err
+    assert "expected a camera for --link" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -78,9 +78,12 @@ def test_a_lens_that_cannot_be_is_refused(wrong: Dict[str, Any]) -> None:
 
 
 def test_a_picture_of_another_shape_is_none_of_the_lens() -> None:
-    assert DUCKIEBOT_LENS.scaled(320, 240).fx_px == pytest.approx(DUCKIEBOT_LENS.fx_px / 2)
+    assert DUCKIEBOT_LENS.of_picture(320, 240).fx_px == pytest.approx(DUCKIEBOT_LENS.fx_px / 2)
     with pytest.raises(ConfigError, match="shape, 640x480, got 640x360"):
-        DUCKIEBOT_LENS.scaled(640, 360)
+        DUCKIEBOT_LENS.of_picture(640, 360)
+    assert DUCKIEBOT_LENS.scaled(640, 360).height_px == 360, (
+        "as simulated pictures may be stretched"
+    )
 
 
 @pytest.mark.parametrize("height_m", [0.0, 10.8])

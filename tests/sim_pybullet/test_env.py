@@ -218,3 +218,11 @@ def test_stable_baselines3_learns_on_it(vec_env: DuckpilotVecEnv) -> None:
     model = PPO("MlpPolicy", vec_env, n_steps=8, batch_size=16, n_epochs=1, seed=0)
     model.learn(48)
     assert model.num_timesteps == 48
+
+
+@pytest.mark.parametrize("image", [ImageSpec(84, 84), ImageSpec(96, 96, 32)])
+def test_pictures_may_be_of_any_shape(image: ImageSpec) -> None:
+    env = gymnasium.make("duckpilot/LaneKeeping-v0", image=image)
+    picture, _ = env.reset(seed=0)
+    assert picture.shape == image.shape
+    env.close()

@@ -116,6 +116,7 @@ def test_deleted_broken_and_absent_records_are_left_out(tmp_path: Path) -> None:
         ("_timestamp_ms", "now"),
         ("cam/image_array", "nul.jpg"),
         ("cam/image_array", "empty.jpg"),
+        ("cam/image_array", "cut.jpg"),
         ("cam/image_array", None),
     ],
 )
@@ -125,6 +126,8 @@ def test_a_record_with_figures_that_cannot_be_is_left_out(
     to_tub([recorded(tmp_path, "a")], tub := tmp_path / "tub")
     (tub / "images/nul.jpg").write_bytes(bytes(500))
     (tub / "images/empty.jpg").write_bytes(b"")
+    whole = (tub / "images/0_cam_image_array_.jpg").read_bytes()
+    (tub / "images/cut.jpg").write_bytes(whole[:100])
     change(tub, {field: value}, only=7)
     (drive,) = from_tub(tub, tmp_path / "back")
     assert len(list(read_samples(drive))) == 29

@@ -61,6 +61,22 @@ def test_a_video_that_ends_too_early_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "back").exists()
 
 
+@pytest.mark.parametrize("wrong", ["no episodes", "no rate", "no video"])
+def test_a_dataset_that_lacks_a_part_is_refused(wrong: str, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    to_dataset([recorded(tmp_path, "a")], dataset := tmp_path / "dataset", "drive")
+    if wrong == "no episodes":
+        (dataset / "meta/episodes/chunk-000/file-000.parquet").unlink()
+    elif wrong == "no video":
+        next(dataset.rglob("*.mp4")).unlink()
+    else:
+        info = dataset / "meta/info.json"
+        info.write_text(json.dumps({**json.loads(info.read_text()), "fps": 0}))
+    with pytest.raises(ConfigError, match="expected a whole LeRobot dataset"):
+        from_dataset(dataset, tmp_path / "back")
+    assert not (tmp_path / "back").exists()
+
+
 def test_without_pyarrow_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -163,6 +163,18 @@ def test_a_drive_that_was_cut_off_is_kept(tmp_path: Path) -> None:
     assert len(read_drive(tmp_path, summary.name)) == 2
 
 
+def test_a_folder_or_a_file_that_is_gone_keeps_no_drive_from_being_recovered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.mcap.partial").mkdir()
+    take(tmp_path, [report(1.0), report(2.0), report(2.1)])
+    found = [tmp_path / "0.mcap.partial", *tmp_path.glob("*.partial")]
+    monkeypatch.setattr(Path, "glob", lambda *_: iter(found))
+    DriveRecorder(tmp_path, lambda: 0.0)
+    monkeypatch.undo()
+    assert len(list_drives(tmp_path)) == 1
+
+
 def test_other_files_are_no_drives(tmp_path: Path) -> None:
     (tmp_path / "notes.mcap").write_text("hello\n")
     (tmp_path / "empty.mcap").write_text("")

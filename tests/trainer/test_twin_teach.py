@@ -150,6 +150,18 @@ def test_a_folder_with_another_policy_is_no_place_for_a_taught_one(tmp_path: Pat
     assert new_model(tmp_path) == model, "left half-way"
 
 
+def test_a_base_is_a_shipped_policy_whatever_lies_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lane_coached").mkdir()
+    assert base_file("lane_coached") == SHIPPED_MODELS / "lane_coached.onnx"
+    (tmp_path / "own.onnx").write_bytes(b"")
+    assert base_file("own.onnx") == Path("own.onnx")
+    with pytest.raises(ConfigError, match="did you mean 'lane_coached'"):
+        base_file("lane_coach")
+
+
 def test_a_base_that_cannot_learn_is_refused() -> None:
     with pytest.raises(ContractError, match="a policy in FP32"):
         load_base(SHIPPED_MODELS / "lane_ppo_int8.onnx")

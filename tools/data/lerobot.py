@@ -27,6 +27,7 @@ CHUNKS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 QUALITY = 9.5  # of 10
 KEYS_EVERY = 5  # pictures: a training jumps about in the video
 WHEELS = ["left_mps", "right_mps"]
+BROKEN = FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -73,7 +74,7 @@ def from_dataset(dataset: Path, out: Path) -> list[Path]:
             names = [path.name for path in _write_drives(dataset, info, folder)]
             if not names:
                 raise ValueError("no episode")
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+    except BROKEN as error:
         told = f"{dataset}: expected a whole LeRobot dataset v3.0 of two wheels, got: {error}"
         raise error if isinstance(error, ConfigError) else ConfigError(told) from error
     return [out / name for name in names]
@@ -84,7 +85,7 @@ def _write_drives(dataset: Path, info: dict[str, Any], folder: Path) -> Iterator
     rows, half_s = _rows(dataset, "data"), 0.5 / float(info["fps"])
     for episode in _rows(dataset, "meta/episodes"):
         place = {k: episode[f"videos/{camera}/{k}"] for k in ("chunk_index", "file_index")}
-        film = dataset / info["video_path"].format(video_key=camera, **place)
+        film = (dataset / info["video_path"].format(video_key=camera, **place)).resolve(strict=True)
         from_s = episode[f"videos/{camera}/from_timestamp"] - half_s
         images = _frames(film, from_s, episode["length"])
         span = slice(episode["dataset_from_index"], episode["dataset_to_index"])

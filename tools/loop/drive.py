@@ -142,9 +142,8 @@ def drive(options: LoopOptions) -> int:
     with tempfile.TemporaryDirectory(prefix="duckpilot-loop-") as folder:
         figures = run(options, Path(folder))
     print(
-        f"{figures['arrived']} of {figures['missions']} missions arrived, "
-        f"{figures['driven_m']:.0f} m in {figures['seconds']:.0f} s, "
-        f"{figures['speed']:.2f} times as fast as real time"
+        f"{figures['arrived']} of {figures['missions']} missions arrived, {figures['driven_m']:.0f}"
+        f" m in {figures['seconds']:.0f} s, {figures['speed']:.2f} times as fast as real time"
     )
     return 0 if figures["arrived"] == options.missions else 1
 

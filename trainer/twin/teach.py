@@ -53,7 +53,8 @@ class TeachConfig:
 
 def base_file(name: str) -> Path:
     """A file, or a shipped policy by its name; ConfigError for neither."""
-    return named_file("base", name, {file.stem: file for file in SHIPPED_MODELS.glob("*.onnx")})
+    shipped = {file.stem: file for file in SHIPPED_MODELS.glob("*.onnx")}
+    return shipped[name] if name in shipped else named_file("base", name, shipped)
 
 
 def new_model(folder: Path) -> Path:

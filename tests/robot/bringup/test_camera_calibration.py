@@ -147,15 +147,16 @@ def test_pictures_of_the_board_are_taken_by_the_robots_camera_until_there_are_en
     """So mode, size and flip are the ones that it drives with."""
     config, boards = tmp_path / "robot.yaml", tmp_path / "boards"
     config.write_text("model: m.onnx\ncamera: {kind: v4l2, number: 7}\n")
-    answers, cameras = iter("yyyn"), []
+    answers, cameras = iter("yyyyn"), []
 
     def take(camera: CameraConfig) -> np.ndarray:
         cameras.append(camera.number)
         return np.full((480, 640, 3), len(cameras), np.uint8)
 
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
-    monkeypatch.setattr(chessboard, "take_picture", take)
     arguments = ["calibrate", "lens", "--images", str(boards), "--config", str(config)]
+    assert main(arguments) == 1, "there is no such camera"
+    monkeypatch.setattr(chessboard, "take_picture", take)
     assert main(arguments) == 2
     assert "expected 8 pictures or more" in capsys.readouterr().err
     assert cameras == [7, 7, 7]

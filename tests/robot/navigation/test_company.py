@@ -111,6 +111,17 @@ def test_who_stands_for_five_seconds_need_not_know_its_place_so_well(
     assert math.isfinite(free_m[48]) is (within_m == 0.12), "it has not stood for so long"
 
 
+def test_who_drives_off_again_must_know_its_place_at_once() -> None:
+    company, free_m = Heard(), []
+    for k in range(90):
+        driven_m = 0.02 * max(0, k - 60)
+        a = report("a", Pose(1.2 + driven_m, 0.1, 0.0), company.now_s, within_m=0.2)
+        other = report("other", Pose(1.4, 1.4, 0.0), company.now_s)
+        free_m.append(company.free_m(a=a, other=other))
+    assert math.isfinite(free_m[60])
+    assert math.isnan(free_m[75]), "a second after it was last known to stand"
+
+
 def cross_in_company(seed: int) -> float:
     """As `cross`, where each tells the others its place, late, and now and then in vain."""
     rng = np.random.default_rng(seed)
