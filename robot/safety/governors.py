@@ -181,13 +181,13 @@ class FirstCome:
     Each sees the others late, and takes other moments for those of their arrival, up to `VIEWS_S`
     apart. So a robot goes only if all others would let it, whatever of that they saw: it came
     clearly first, or at about the same time and from the right of them (of those who face each
-    other the lesser name is first). Before it enters it looks around for `LOOK_S`. Where nobody
+    other the lower name is first). Before it enters it looks around for `LOOK_S`. Where nobody
     goes, robots go by their names. Who waits has its nose before the line.
     """
 
-    quiet_s: Optional[float] = None  # since when it waits, nobody is inside, and nobody else came
+    quiet_s: Optional[float] = None  # since when it waits, nobody is inside, no lower name came
     look_s: Optional[float] = None  # since when it is its turn
-    met: int = 0  # others that wait
+    lower: int = 0  # others that wait, with lower names
 
     def after(self, road: Road) -> Tuple[FirstCome, Cap]:
         """See `Rule`."""
@@ -202,14 +202,14 @@ class FirstCome:
         others = at.others
         if road.ahead.light is Light.GREEN:  # who waits on either side has a red one
             others = tuple(o for o in others if (o.arm - at.own.arm) % 2 == 0)
-        met = len(others)
-        quiet_s = road.now_s if self.quiet_s is None or met != self.met else self.quiet_s
-        lesser = sum(other.name < at.own.name for other in others)
+        # Of two the lower name never waits since later than the other, so their turns stay apart.
+        lower = sum(other.name < at.own.name for other in others)
+        quiet_s = road.now_s if self.quiet_s is None or lower > self.lower else self.quiet_s
         turn = all(_lets(other, at.own) for other in others)
-        if not turn and road.now_s - quiet_s < QUIET_S * (1 + lesser):
-            return FirstCome(quiet_s, None, met), _STAND
+        if not turn and road.now_s - quiet_s < QUIET_S * (1 + lower):
+            return FirstCome(quiet_s, None, lower), _STAND
         look_s = road.now_s if self.look_s is None else self.look_s
-        return FirstCome(quiet_s, look_s, met), Cap() if road.now_s - look_s >= LOOK_S else _STAND
+        return FirstCome(quiet_s, look_s, lower), Cap() if road.now_s - look_s >= LOOK_S else _STAND
 
 
 def _lets(other: AtJunction, own: AtJunction) -> bool:

@@ -105,7 +105,7 @@ def test_an_unreadable_configuration_is_told_after_the_usual_places_were_switche
     assert main(["off", "--config", str(config)]) == 2
     told = capsys.readouterr()
     assert "all outputs off at 0x6F" in told.out
-    assert told.err.startswith(f"robot off: {config}: expected a robot's YAML file with its hat")
+    assert told.err.startswith(f"robot off: {config}: expected a robot's YAML with its hat")
     assert len(told.err.splitlines()) == 1
     assert not rig.hat.chip.outputs.any_high
 

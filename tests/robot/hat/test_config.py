@@ -31,7 +31,7 @@ def test_the_ports_are_those_of_the_schematic() -> None:
         ({"run_duty": 1.2}, "0 < run_duty <= 1"),
         ({"start_stop_mps": 0.5}, "start_stop_mps: expected <= maximum"),
         ({"acceleration_mps2": 0.0}, "a positive number"),
-        ({"acceleration_mps2": float("nan")}, "a positive number"),
+        ({"acceleration_mps2": float("nan")}, "expected float, got nan"),
         ({"drive": {"wheel_radius_m": 0.0}}, "wheel_radius_m: expected a positive number"),
         ({"drive": {"wheel_radius_m": -0.0325}}, "wheel_radius_m: expected a positive number"),
         ({"drive": {"baseline_m": 0.0}}, "baseline_m: expected a positive number, got 0.0"),

@@ -109,7 +109,7 @@ def test_metadata_must_be_there_and_ours(tmp_path: Path) -> None:
     [
         ({"actions": ((0.0, 1.0), (1.0, 1.0), (-1.0, 1.0))}, "trained for another robot"),
         ({"actions": ((0.1, 0.1), (0.346, 0.347), (0.2, 0.1))}, "trained for another robot"),
-        ({"actions": ((0.1, 0.1), (0.1, float("nan")))}, "trained for another robot"),
+        ({"actions": ((0.1, 0.1), (0.1, float("nan")))}, "expected float, got nan"),
         ({"actions": ((0.1, 0.1),)}, "expected 2 to 16 actions"),
         ({"actions": ((0.1, 0.1),) * 17}, "expected 2 to 16 actions"),
         ({"control_dt_s": 0.05}, "expected 0.1 seconds between decisions, got 0.05"),

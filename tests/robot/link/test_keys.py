@@ -41,7 +41,7 @@ def test_keys_are_never_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_keys_says_how_to_make_them(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="robot keygen"):
+    with pytest.raises(ConfigError, match="duckpilot keygen"):
         load_keys(tmp_path)
 
 

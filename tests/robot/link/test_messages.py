@@ -168,7 +168,7 @@ def spoilt(**changes: Any) -> bytes:
         (spoilt(message="ack"), "expected message 'pose'"),
         (spoilt(xm=1.0), "did you mean 'x_m'"),
         (spoilt(x_m=float("nan")), "got nan"),
-        (spoilt(x_m=10**400), "too large"),
+        (spoilt(x_m=10**400), "expected float, got 1000"),
         (spoilt(x_m=2000.0), r"\[-1000, 1000\]"),
         (spoilt(y_m=True), "expected float"),
         (spoilt(heading_rad=4.0), "heading_rad"),
@@ -182,7 +182,7 @@ def spoilt(**changes: Any) -> bytes:
         (b"\xff\xfe", "expected JSON"),
         (b"[]", "expected an object"),
         (b"{}", "expected schema"),
-        (spoilt(x_m=1.0).replace(b"1.0", b"1e999"), "expected a number"),
+        (spoilt(x_m=1.0).replace(b"1.0", b"1e999"), "expected float, got inf"),
     ],
 )
 def test_the_refusal_says_what_was_wrong(data: bytes, says: str) -> None:
