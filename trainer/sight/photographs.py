@@ -75,8 +75,8 @@ def frames_of(site: Site, photographs: Path) -> Iterator[tuple[Annotated, np.nda
     for drawn in site.photographs:
         path = photographs / site.folder / "images" / drawn.file
         if not path.is_file():
-            told = f"expected it, or your own {SHIPPED.name} in {photographs}, found none"
-            raise ConfigError(f"{path}: {told}")
+            own = f"{photographs / SHIPPED.name} names your own"
+            raise ConfigError(f"{path}: expected an annotated photograph, found none; {own}")
         yield drawn, fit_to_frame(read_picture(path))
 
 
