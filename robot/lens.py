@@ -46,9 +46,8 @@ class Lens:
     @property
     def matrix(self) -> np.ndarray:
         """K, (3, 3)."""
-        return np.array(
-            [[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]]
-        )
+        rows = [self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]
+        return np.array(rows)
 
     def scaled(self, width_px: int, height_px: int) -> "Lens":
         """The same lens read out at another picture size (pixel areas, not centres, scale)."""

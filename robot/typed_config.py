@@ -57,9 +57,8 @@ def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
     values: Dict[str, Any] = {}
     for key, item in data.items():
         if key not in fields:
-            raise ConfigError(
-                f"{label}: unknown key {shown(key)}; {nearest(str(key)[:80], fields)}"
-            )
+            near = nearest(str(key)[:80], fields)
+            raise ConfigError(f"{label}: unknown key {shown(key)}; {near}")
         values[key] = _convert(hints[key], item, f"{label}.{key}")
     unset = dataclasses.MISSING
     needed = [f.name for f in fields.values() if f.default is unset is f.default_factory]

@@ -117,9 +117,7 @@ def _known() -> dict[str, tuple[str, str]]:
 
 def _written(grid: np.ndarray, sides: str, quarter_turns: int) -> str:
     turned = str.maketrans(sides, _SIDES[quarter_turns:] + _SIDES[:quarter_turns])
-    return "/".join(
-        ",".join("".join(sorted(tile.translate(turned))) for tile in row) for row in grid
-    )
+    return "/".join(",".join("".join(sorted(t.translate(turned))) for t in row) for row in grid)
 
 
 def _some(names: Sequence[str]) -> str:

@@ -159,10 +159,8 @@ def collect_observations(
     for _ in range(-(-count // env.num_envs)):
         batches.append({n: np.array(part) for n, part in parts_of(observation).items()})
         chosen = network.actions(observation)  # type: ignore[arg-type]
-        random = rng.integers(int(env.action_space.n), size=env.num_envs)  # type: ignore[attr-defined]
-        observation, *_ = env.step(
-            np.where(rng.random(env.num_envs) < RANDOM_SHARE, random, chosen)
-        )
+        drawn = rng.integers(int(env.action_space.n), size=env.num_envs)  # type: ignore[attr-defined]
+        observation, *_ = env.step(np.where(rng.random(env.num_envs) < RANDOM_SHARE, drawn, chosen))
     return {name: np.concatenate([b[name] for b in batches])[:count] for name in batches[0]}
 
 

@@ -108,9 +108,7 @@ class MissionNavigator:
         """A person says where the robot stands, to 10 cm and 20 degrees; PlanError where not."""
         tile = self._road_map.tile_at(pose.x_m, pose.y_m)
         if self._finding is None:
-            raise PlanError(
-                "expected a robot with sight, only the localizer tells this one's place"
-            )
+            raise PlanError("expected a robot with sight; only a localizer tells where this is")
         if self._driving:
             raise PlanError("expected a robot that stands, it drives")
         if tile is None or not tile.is_road:

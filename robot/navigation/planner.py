@@ -151,15 +151,13 @@ def plan_path(road: Union[RoadMap, LaneGraph], start: Pose, goal_m: Tuple[float,
     return Path.from_beziers(plan_route(graph, start, goal_m).curves_m)
 
 
-def path_on(
-    graph: LaneGraph, start: Pose, least_m: float, toward_rad: float = STRAIGHT_RAD
-) -> Path:
+def path_on(graph: LaneGraph, pose: Pose, least_m: float, toward_rad: float = STRAIGHT_RAD) -> Path:
     """On from the lane under a pose, for so long if the road goes on; at junctions by the way
     whose turn is the nearest to ``toward_rad``.
 
     PlanError off the road or on a closed lane.
     """
-    lane, t, _ = _lanes_under(graph, start.x_m, start.y_m, "start", start.heading_rad)[0]
+    lane, t, _ = _lanes_under(graph, pose.x_m, pose.y_m, "start", pose.heading_rad)[0]
     curves = [_part(graph.lanes[lane].control_points_m, min(t, 1.0 - _SHORTEST), 1.0)]
     path = Path.from_beziers(curves)
     while path.length_m < least_m and graph.edges[graph.lane_nodes[lane][1]]:

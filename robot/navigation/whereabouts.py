@@ -135,9 +135,7 @@ class Whereabouts:
         ways = ["let it drive on"] * (not self._given_up)
         ways += ["drive it by hand through a junction or two"] * self._view.junctions
         told = ", or ".join([", ".join(ways)] * bool(ways) + ["say on the monitor where it stands"])
-        return (
-            f"the robot looks for its place, and {fit} what it saw, not surely enough yet; {told}"
-        )
+        return f"the robot seeks its place, and {fit} what it saw, not surely enough yet; {told}"
 
     @property
     def _given_up(self) -> bool:

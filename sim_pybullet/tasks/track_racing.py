@@ -101,12 +101,8 @@ class RacingCars:
         headings = paths.headings_at(arc_m[:, None] + SCALE * np.append(_LOOKS_M, 60.0))
         bends = np.abs(np.asarray(wrap_angle(np.diff(headings, axis=1)))) / _BEND_M
         in_bend = _CAREFUL * GRIP_MPS2 / np.maximum(bends, 1e-6)  # squared speed
-        allowed = np.sqrt(
-            (in_bend + 1.2 * BRAKE_MPS2 * np.maximum(_LOOKS_M - 2.0, 0.0)).min(axis=1)
-        )
-        throttle = np.where(
-            self.speed_mps > allowed, -1, (self.speed_mps < allowed - 1.0).astype(int)
-        )
+        most = np.sqrt((in_bend + 1.2 * BRAKE_MPS2 * np.maximum(_LOOKS_M - 2.0, 0.0)).min(axis=1))
+        throttle = np.where(self.speed_mps > most, -1, (self.speed_mps < most - 1.0).astype(int))
         return 3 * np.array([1, 2, 0])[throttle + 1] + np.array([2, 0, 1])[steer + 1]
 
     def _push(self, throttle: np.ndarray) -> np.ndarray:

@@ -148,9 +148,8 @@ class Traffic(Following):
         off = ~self.streets.on_road(self.maps, poses[:, None, :2])[:, 0]
         speed = np.clip(course.progress_m / NOMINAL_STEP_M, 0.0, 1.0)
         nearness = -4.0 * speed * np.maximum(1.0 - free_m / _NEAR_M, 0.0)
-        terms = np.vstack(
-            (following_terms(course, self.half_lane_m), nearness, -_PENALTY * at_fault)
-        )
+        along = following_terms(course, self.half_lane_m)
+        terms = np.vstack((along, nearness, -_PENALTY * at_fault))
         facts = np.stack((tiles, hit, at_fault, free_m, self._least_ttc_s))
         late = self._steps * CONTROL_DT_S >= self.episode_s - 1e-9
         failed = self.met | off

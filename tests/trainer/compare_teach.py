@@ -55,12 +55,12 @@ def by_recorded(network: GreedyNetwork, person: Examples, config: TeachConfig, s
     shares = person.weights / person.weights.sum()
     for step in range(0, config.steps, config.every):
         set_rate([optimiser], config.rate * (1.0 - 0.9 * step / config.steps))
-        rows = rng.choice(len(person.actions), config.batch + config.recorded, p=shares)
+        rows = rng.choice(len(person.shares), config.batch + config.recorded, p=shares)
         seen = {"image": torch.from_numpy(person.images[rows])}
         if person.paths is not None:
             seen["path"] = torch.from_numpy(person.paths[rows])
         logits = unhedged(network.head)(network.features(seen))
-        descend(optimiser, cross_entropy(logits, torch.from_numpy(person.actions[rows])), 10.0)
+        descend(optimiser, cross_entropy(logits, torch.from_numpy(person.shares[rows])), 10.0)
 
 
 def through_parsing(

@@ -18,7 +18,7 @@ from robot.geometry import compose, wrap_angle
 from robot.navigation.road_map import RoadMap, load_map
 from robot.recording import topics
 from robot.recording.drive_file import DriveFile, png
-from robot.recording.reader import Piece, mark
+from robot.recording.reader import Piece, cut, entries, mark
 from robot.recording.topics import Turn
 from sim_pybullet.look import (
     NOMINAL,
@@ -56,6 +56,7 @@ from trainer.twin.motion import (
     at_times,
     fit_motion,
     from_above,
+    obeyed,
     pieces,
     reckoned,
     smoothed,
@@ -167,6 +168,31 @@ def test_motors_are_told_by_most_poses_also_where_some_are_far_off() -> None:
     assert (pictures.sd[:5] > 5.9 * found.sd[:5]).all()
 
 
+def test_motors_are_told_by_a_drive_that_was_cut_in_many_places() -> None:
+    """What was commanded there is not what was commanded last: a delay of 0.1 s became one of 0.2.
+
+    Nor does the way lead from before a cut to behind it.
+    """
+    true, driven, track, times_s = jerky(80.0)
+    poses = at_times(track, times_s, true[5])
+    steps_s = np.arange(len(driven)) * PHYSICS_DT_S
+    gone = times_s % 7.0 > 5.0
+    poses[gone] = np.nan
+    left = driven.copy()
+    left[steps_s % 7.0 > 5.0] = np.nan
+    noise = np.random.default_rng(1).normal(0.0, (2e-3, 2e-3, 4e-3), (len(poses), 3))
+    told = from_above(left, np.column_stack((times_s, poses + noise))[~gone])
+    found = fit_motion([told], eye=False)
+    off = np.abs(found.values - true)
+    assert (off[:6] < (4e-3, 1e-3, 6e-3, 0.04, 0.04, 0.03)).all()
+    assert obeyed(told) > 0.9
+    way = smoothed(surer(told, found.scale), found)
+    after_s = times_s[~gone & (times_s > 2.0) & (times_s < 78.0)]
+    missed = at_times(way, after_s) - at_times(track, after_s, true[5])
+    assert np.abs(missed[:, :2]).max() < 0.03  # close behind a cut
+    assert np.median(np.abs(missed[:, :2])) < 0.002
+
+
 def test_motors_without_lag_are_known_to_have_none() -> None:
     """Below a step of physics no lag changes anything: a fit that came there learned no more."""
     true, driven, _, times_s = jerky(40.0)
@@ -198,6 +224,25 @@ def test_a_recording_has_what_a_fit_needs(recording: Path) -> None:
     assert drive.seconds == pytest.approx(40.0, abs=0.3)
     delays_s = np.diff(drive.overhead[:, 0])
     assert np.median(delays_s) == pytest.approx(0.1)
+
+
+def test_what_was_cut_out_of_a_drive_was_driven_by_no_command(
+    recording: Path, tmp_path: Path
+) -> None:
+    """It had counted as driven by the last one before."""
+    whole, copied = read_drive(recording), tmp_path / "marked.mcap"
+    copied.write_bytes(recording.read_bytes())
+    began_s = next(iter(entries(copied, topics.TURN))).time_s
+    bad = [Piece(began_s + at_s, began_s + at_s + 3.0, "bad") for at_s in (9.0, 21.0)]
+    mark(copied, bad)
+    cut(copied, tmp_path / "cut.mcap")
+    left = read_drive(tmp_path / "cut.mcap")
+    assert left.seconds == pytest.approx(whole.seconds - 6.0, abs=0.5)
+    lost_s = np.flatnonzero(np.isnan(left.commands[:, 0])) * PHYSICS_DT_S
+    assert ((lost_s % 12.0) > 8.8).all()
+    kept = ~np.isnan(left.commands[:, 0])
+    same = np.abs(left.commands - whole.commands[: len(left.commands)])[kept].max(axis=1) < 1e-9
+    assert same.mean() > 0.95  # all but what follows a cut: there the ramp goes on from before it
 
 
 def test_commands_are_read_as_the_robots_ramp_lets_wheels_follow_them(tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ import pytest
 import torch
 from rich.console import Console
 
-from robot.contract import PolicyContract, Proof, Stick
+from robot.contract import ACTION_TWISTS, DRIVE, PolicyContract, Proof, Stick
 from robot.errors import ConfigError, ContractError
+from robot.geometry import Twist
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, read_contract
 from robot.navigation.path import path_input
 from robot.navigation.road_map import load_map
@@ -61,24 +62,36 @@ def examples(one: Recorded, held_out: bool = False) -> Examples:
 def test_what_a_person_did_at_a_take_over_counts_most() -> None:
     states = ["AUTO"] * 10 + ["MANUAL"] * 60 + ["AUTO"] * 30
     seen = examples(drive(states, [LEFT] * 100))
-    assert len(seen.actions) == 60  # of the first 70 %, those that a person drove
-    assert set(seen.actions) == {0}  # LEFT
+    assert len(seen.shares) == 60  # of the first 70 %, those that a person drove
+    assert set(seen.shares.argmax(axis=1)) == {0}  # LEFT
     assert np.unique(seen.weights[:30]) == [4.0]
     assert np.unique(seen.weights[30:]) == [1.0]
+
+
+def test_steering_between_two_actions_is_a_share_of_each() -> None:
+    """By the nearest alone a bend of 7 per metre would be taught as one of 3."""
+    bends_pm = [twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS]
+    wanted_pm = np.linspace(-12.0, 12.0, 40)
+    wheels = [DRIVE.wheels(Twist(0.2, 0.2 * bend)) for bend in wanted_pm.tolist()]
+    one = drive(["MANUAL"] * 40, wheels)._replace(map_name="")
+    seen = examples_of([one], [None], LANE, held_out=False)
+    assert np.allclose(seen.shares @ bends_pm, wanted_pm[:28], atol=1e-5)
+    assert np.allclose(seen.shares.sum(axis=1), 1.0)
+    assert ((seen.shares > 1e-6).sum(axis=1) <= 2).all()
 
 
 def test_what_is_marked_bad_teaches_nothing_and_what_corrects_it_counts_most() -> None:
     one = drive(["AUTO"] * 4 + [""] * 2 + ["MANUAL"] * 4 + [""] * 2 + ["MANUAL"] * 38, [LEFT] * 50)
     seen = examples(one)  # of the first 35 turns
-    assert len(seen.actions) == 35 - 4 - 2 - 2
+    assert len(seen.shares) == 35 - 4 - 2 - 2
     assert seen.weights[0] == 4.0
 
 
 def test_parts_of_a_drive_are_apart() -> None:
     one = drive(["MANUAL"] * 100, [LEFT] * 100)
     parts = [examples(one, held_out) for held_out in (False, True)]
-    assert sum(len(part.actions) for part in parts) == 100
-    assert len(parts[1].actions) == pytest.approx(30, abs=1)
+    assert sum(len(part.shares) for part in parts) == 100
+    assert len(parts[1].shares) == pytest.approx(30, abs=1)
 
 
 def test_the_way_that_a_person_drove_is_what_a_navigator_would_have_been_told() -> None:
@@ -108,23 +121,23 @@ def test_right_is_the_way_back_to_the_lane_however_a_person_weaves(policy: Polic
     right = [(*pose.to_world(np.array([[0.0, -0.04]]))[0], pose.heading_rad) for pose in poses]
     seen = examples_of([one], [np.array(right)], policy, held_out=False)
     turns = np.abs(np.diff([pose.heading_rad for pose in poses]))
-    straight = [k for k in range(len(seen.actions)) if turns[k : k + 15].max() < 1e-6]
+    straight = [k for k in range(len(seen.shares)) if turns[k : k + 15].max() < 1e-6]
     assert len(straight) > 20
-    assert set(seen.actions[straight].tolist()) <= {0, 1}  # left, back to the way
+    assert set(seen.shares[straight].argmax(axis=1).tolist()) <= {0, 1}  # left, back to the way
     steered = np.sign(seen.bends_pm[straight])
     assert {-1.0, 1.0} <= set(steered.tolist())  # though the person went both ways
 
 
 def test_standing_is_no_example() -> None:
     stood = drive(["MANUAL"] * 10, [(0.0, 0.0)] * 10)
-    assert not len(examples(stood).actions)
+    assert not len(examples(stood).shares)
 
 
 def test_steering_that_is_half_reversed_is_not_foretold() -> None:
     bends = np.tile((5.0, -5.0), 50)
     reversed_half = np.where(np.arange(100) < 50, bends, -bends)
     seen = [
-        Examples(np.zeros((100, 1)), None, np.zeros(100), np.ones(100), b)
+        Examples(np.zeros((100, 1)), None, np.zeros((100, 5)), np.ones(100), b)
         for b in (bends, reversed_half)
     ]
     good = np.where(bends > 0, 0, 4)
@@ -173,7 +186,8 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     before = network.head[0].weight.clone()
     image = np.zeros((40, *contract.picture_shape), np.uint8)
     bends = np.full(40, 13.0)
-    person = Examples(image, None, np.zeros(40, int), np.ones(40), bends)
+    left = np.tile(np.eye(5, dtype=np.float32)[0], (40, 1))
+    person = Examples(image, None, left, np.ones(40), bends)
     config = TeachConfig(steps=20, robots=2, batch=16, recorded=32, every=1, painted=1)
     teach(network, contract, (load_map("loop"), [NOMINAL]), person, config, seed=0)
     assert not torch.equal(before, network.head[0].weight)

@@ -151,9 +151,8 @@ def to_tub(drives: Sequence[Path], tub: Path) -> int:
         if not records:
             raise ConfigError(f"{drives[0]}: expected a drive with pictures, got none")
         created_at = records[0]["_timestamp_ms"] / 1e3
-        names = [
-            _write_catalog(folder, records, at, created_at) for at in range(0, len(records), MOST)
-        ]
+        parts = range(0, len(records), MOST)
+        names = [_write_catalog(folder, records, at, created_at) for at in parts]
         ids = {"all_full_ids": sessions, "last_id": len(sessions) - 1, "last_full_id": sessions[-1]}
         counts = {"current_index": len(records), "max_len": MOST, "deleted_indexes": []}
         about = ({"created_at": created_at, "sessions": ids}, {"paths": names, **counts})

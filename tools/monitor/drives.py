@@ -103,16 +103,14 @@ class DriveRecorder:
         wall_s = self._wall()
         self._offset_s = wall_s - telemetry.t_sent_s
         self._flushed_s = telemetry.t_sent_s
-        began = datetime.fromtimestamp(wall_s)
+        at = datetime.fromtimestamp(wall_s)
         about = {
             "robot": telemetry.robot,
             "map": telemetry.map,
-            "began": began.isoformat(timespec="seconds"),
+            "began": at.isoformat(timespec="seconds"),
             "model": telemetry.model,
         }
-        self._file = DriveFile(
-            self._folder / f"{began:%Y%m%d-%H%M%S-%f}-{mission[:8]}{SUFFIX}", about
-        )
+        self._file = DriveFile(self._folder / f"{at:%Y%m%d-%H%M%S-%f}-{mission[:8]}{SUFFIX}", about)
 
 
 def list_drives(folder: Path) -> list[DriveSummary]:

@@ -16,12 +16,10 @@ _HIDDEN_M = 0.2  # nearer red lines may be behind it
 _SHIFT_PX, _STRETCH = (0.8, 3.0), 0.05  # to the side and up; of the size
 
 
-def drawn(
-    pictures: Pictures, count: int, rng: np.random.Generator, moved: bool = False
-) -> Pictures:
+def drawn(given: Pictures, count: int, rng: np.random.Generator, moved: bool = False) -> Pictures:
     """Images and labels of so many pictures, each changed by chance, ``moved`` ones always."""
-    chosen = rng.integers(len(pictures.labels), size=count)
-    images, labels = pictures.images[chosen], pictures.labels[chosen].copy()
+    chosen = rng.integers(len(given.labels), size=count)
+    images, labels = given.images[chosen], given.labels[chosen].copy()
     if moved:
         images = np.stack([shifted(each, rng) for each in images])
     chances = rng.random((count, 5)) < (_RELIT, _TINGED, _GLINTING, _FRONTED, _SPOILED)

@@ -50,9 +50,8 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     maps = division().maps
     training = gathered(out / "training", maps.training, run.look, run.files, run.seed, console)
     looks = division().looks.choosing
-    chosen = gathered(
-        out / "choosing", maps.choosing, looks, run.choosing_files, run.seed + 1, console
-    )
+    how = run.choosing_files, run.seed + 1, console
+    chosen = gathered(out / "choosing", maps.choosing, looks, *how)
     optimiser = torch.optim.AdamW(network.parameters(), _ON_RATE if run.base else _RATE)
     parts = {"network": network, "optimiser": optimiser}
     step = lesson(network, optimiser, Batches(training, photographs, run))

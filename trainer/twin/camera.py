@@ -132,11 +132,9 @@ def descend(
     return Fitted(values, sd, now, share, cost)
 
 
-def asked(
-    views: Views, values: np.ndarray, begin: np.ndarray, steps: int
-) -> tuple[np.ndarray, ...]:
-    """Poses (F, 3) settled from ``begin`` on, and of each what `explain` says there."""
-    now, _, _ = settle(views, values, begin, steps)
+def asked(views: Views, values: np.ndarray, near: np.ndarray, steps: int) -> tuple[np.ndarray, ...]:
+    """Poses (F, 3) settled from ``near`` on, and of each what `explain` says there."""
+    now, _, _ = settle(views, values, near, steps)
     eye = Eye(views, values, True)
     found = [explain(*each) for each in zip(views.planes, repeat(eye), now)]
     return now, *map(np.array, zip(*found, strict=True))

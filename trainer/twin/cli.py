@@ -83,7 +83,7 @@ def teach_command(
     model = new_model(out)
     seen, places, road_map = _fit(recordings, out / "twin.yaml", console)
     person, held_out = (examples_of(seen, places, contract, late) for late in (False, True))
-    if not road_map and (cyclegan or contract.path_points or not len(person.actions)):
+    if not road_map and (cyclegan or contract.path_points or not len(person.shares)):
         raise ConfigError("without a map: expected your own driving, a lane keeper, no --cyclegan")
     twin = road_map and (road_map, load_look_sampler(out / "twin.yaml", pose_error(contract)))
     options = TeachConfig() if twin else TeachConfig(900, recorded=TeachConfig.batch)

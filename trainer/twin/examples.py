@@ -28,7 +28,7 @@ class Examples(NamedTuple):
 
     images: np.ndarray  # (N, H, W, 3)
     paths: np.ndarray | None  # (N, P)
-    actions: np.ndarray  # (N,) the policy's action that is most like what was right
+    shares: np.ndarray  # (N, A) float32, of the policy's actions: right may lie between two
     weights: np.ndarray  # (N,)
     bends_pm: np.ndarray  # (N,) curvature that the person steered
 
@@ -43,9 +43,9 @@ def examples_of(
 
     ``places`` (F, 3), with a map: where the robot was at each drive's pictures. Right is what the
     expert would do from there on the way that was driven: a person weaves, and is late. Where they
-    took over from the policy, or there is no map, they knew better.
+    took over from the policy, or there is no map, they knew better: often between two actions.
     """
-    rows = []
+    rows, bends_pm = [], _bends(contract)
     for drive, poses in zip(drives, places, strict=True):
         last_s = (1.0 - HELD_OUT) * drive.times_s[-1]
         ways = ways_driven(drive) if drive.map_name else [None] * len(drive.turns)
@@ -60,7 +60,8 @@ def examples_of(
             right_pm = steered_pm
             if way is not None and poses is not None and not corrected:
                 arc_m = way.path.project(*poses[k, :2].tolist()).arc_m + EXPERT_AHEAD_M
-                right_pm = float(pursuit(way.path.batch, poses[k, None], np.array([arc_m]))[0])
+                best_pm = pursuit(way.path.batch, poses[k, None], np.array([arc_m]))
+                right_pm = bends_pm[np.abs(bends_pm - best_pm).argmin()]
             weight = TAKEOVER_WEIGHT if corrected else 1.0
             image = preprocess(drive.images[k], contract.image)
             rows.append((image, told, right_pm, weight, steered_pm))
@@ -68,7 +69,7 @@ def examples_of(
     return Examples(
         np.array(images, np.uint8).reshape(-1, *contract.image.shape),
         np.array(paths, np.float32) if contract.path_points else None,
-        np.abs(np.array(right)[:, None] - _bends(contract)).argmin(axis=1),
+        _shares(np.array(right), bends_pm),
         np.array(weights),
         np.array(steered),
     )
@@ -109,6 +110,13 @@ def foretold(actions: np.ndarray, seen: Examples, contract: PolicyContract) -> t
     ours, clear = _bends(contract), np.abs(seen.bends_pm) > CLEAR_PM
     same = np.sign(ours[actions[clear]]) == np.sign(seen.bends_pm[clear])
     return int(same.sum()), int(clear.sum())
+
+
+def _shares(right_pm: np.ndarray, bends_pm: np.ndarray) -> np.ndarray:
+    """Of the two actions beside each curvature, so that their mean is it."""
+    order = np.argsort(bends_pm)
+    each = [np.interp(right_pm, bends_pm[order], one) for one in np.eye(len(bends_pm))[:, order]]
+    return np.array(each, np.float32).T
 
 
 def _bends(contract: PolicyContract) -> np.ndarray:

@@ -35,7 +35,7 @@ _SMALL = np.array((1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3, 1e-3, 1e-3, 1e-3))  # for
 class Told(NamedTuple):
     """A drive's commands, and poses that something told of it."""
 
-    commands: np.ndarray  # (K, 2) rim speeds [m/s], one for each `PHYSICS_DT_S`
+    commands: np.ndarray  # (K, 2) rim speeds [m/s], one for each `PHYSICS_DT_S`; NaN: cut out
     times_s: np.ndarray  # (M,) ascending
     poses: np.ndarray  # (M, 3)
     roots: np.ndarray  # (M, 3, 3) of their information matrices
@@ -67,14 +67,21 @@ class Motion(NamedTuple):
 UNKNOWN = Motion(USUAL, SPREAD)
 
 
+def cut_out(commands: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """How many steps before each moment were cut out, and nobody knows what was commanded."""
+    cut, now = np.cumsum(np.isnan(commands[:, 0])), (times_s / PHYSICS_DT_S).astype(int)
+    return cut[np.clip(now, 0, len(cut) - 1)]
+
+
 def obeyed(drive: Told) -> float:
     """Correlation of how the robot turned within a second with how it was told to; 1 if never."""
-    rates = (drive.commands[:, 1] - drive.commands[:, 0]) / DRIVE.baseline_m
+    rates = np.nan_to_num(drive.commands[:, 1] - drive.commands[:, 0]) / DRIVE.baseline_m
     grid_s = np.arange(len(rates)) * PHYSICS_DT_S
     at_s = np.arange(0.0, grid_s[-1] - 1.5, 0.5) + np.array([[0.0], [1.0]])
+    at_s = at_s[:, cut_out(drive.commands, at_s[0]) == cut_out(drive.commands, at_s[1] + LATE_S)]
     asked = np.diff(np.interp(at_s, grid_s, np.cumsum(rates) * PHYSICS_DT_S), axis=0)[0]
     turned = np.interp(at_s + LATE_S, drive.times_s, np.unwrap(drive.poses[:, 2]))
-    steered = asked.std() > STEERS_RAD
+    steered = len(asked) > 0 and asked.std() > STEERS_RAD
     return float(np.corrcoef(asked, np.diff(turned, axis=0)[0])[0, 1]) if steered else 1.0
 
 
@@ -86,7 +93,9 @@ def reckoned(commands: np.ndarray, values: np.ndarray) -> np.ndarray:
         model.reset(i, replace(DriveLook(), noise=0.0, **known))
     rng = np.random.default_rng(0)  # of noise, and there is none
     twists = np.zeros((len(values), len(commands), 2))
-    for k, wheels in enumerate(commands):
+    later = np.where(np.isnan(commands[:, 0]), len(commands) - 1, np.arange(len(commands)))
+    later = np.minimum.accumulate(later[::-1])[::-1]  # what was cut out ended as it went on
+    for k, wheels in enumerate(commands[later]):
         twists[:, k] = model.step(np.tile(wheels, (len(values), 1)), rng)
     zero = np.zeros((len(twists), 1, 3))
     step, turn = np.moveaxis(twists * PHYSICS_DT_S, -1, 0)
@@ -121,9 +130,9 @@ def laid(ours: np.ndarray, told: np.ndarray, roots: np.ndarray) -> np.ndarray:
     return np.column_stack((turned + shift[:2], ours[:, 2] + turn))
 
 
-def pieces(times_s: np.ndarray, piece_s: float) -> list[np.ndarray]:
-    """Indices of the poses of each piece; those with too few are left out."""
-    number = (times_s / piece_s).astype(int)
+def pieces(times_s: np.ndarray, piece_s: float, cut: np.ndarray | float = 0.0) -> list[np.ndarray]:
+    """Indices of the poses of each piece, after one ``cut`` each, but for few."""
+    number = (times_s / piece_s).astype(int) + 1e6 * cut
     found = [np.flatnonzero(number == n) for n in np.unique(number)]
     return [part for part in found if len(part) >= 8]
 
@@ -163,11 +172,11 @@ def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
     """(P, R) residuals of P guesses (P, 9), in standard deviations."""
     each = [np.zeros((len(values), 0))]
     for drive in drives:
-        rows = []
+        rows, cut = [], cut_out(drive.commands, drive.times_s)
         for track, guess in zip(reckoned(drive.commands, values), values, strict=True):
             ours = compose(at_times(track, drive.times_s, guess[5]), guess[None, len(NAMES) :])
             off = []
-            for part in pieces(drive.times_s, drive.piece_s):
+            for part in pieces(drive.times_s, drive.piece_s, cut):
                 told, roots = drive.poses[part], drive.roots[part]
                 missed = told - laid(ours[part], told, roots)
                 missed[:, 2] = wrap_angle(missed[:, 2])
@@ -189,9 +198,11 @@ def smoothed(drive: Told, motion: Motion) -> np.ndarray:
     grid_s = np.arange(0, len(track) + EVERY, EVERY) * PHYSICS_DT_S
     here = at_times(track, grid_s, late_s)
     poses = np.zeros((len(grid_s), 3))
+    cut, cut_here = cut_out(drive.commands, times_s), cut_out(drive.commands, grid_s)
     for k, now_s in enumerate(grid_s):
-        near = np.argsort(np.abs(times_s - now_s))[: round(drive.piece_s * 10)]
-        weights = np.exp(-0.5 * ((times_s[near] - now_s) / (drive.piece_s / 4)) ** 2) + 1e-6
+        away_s = np.abs(times_s - now_s) + np.abs(cut - cut_here[k])
+        near = np.argsort(away_s)[: round(drive.piece_s * 10)]
+        weights = np.exp(-0.5 * (away_s[near] / (drive.piece_s / 4)) ** 2) + 1e-6
         roots = np.concatenate((drive.roots[near] * weights[:, None, None], np.zeros((1, 3, 3))))
         both = np.concatenate((ours[near], here[k : k + 1]))
         poses[k] = laid(both, np.concatenate((drive.poses[near], here[k : k + 1])), roots)[-1]

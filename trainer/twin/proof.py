@@ -42,7 +42,7 @@ def prove(
     """Drive a policy in its twin, if any, and ask it about what it did not learn of recordings."""
     policy = OnnxPolicy(model)
     same = steered = 0
-    if len(held_out.actions):
+    if len(held_out.shares):
         actions = policy.values(held_out.images, held_out.paths).argmax(axis=1)
         same, steered = foretold(actions, held_out, policy.contract)
     foretells = f"steers as the person did in {same} of {steered} held-out moments"
@@ -59,9 +59,8 @@ def prove(
     succeeded = sum(success for success, _ in done)
     value, low, high = share(succeeded, drives)
     what = "two-lap drives" if rings else "missions"
-    sentence = (
-        f"{100.0 * value:.0f} % of {drives} {what} in its twin (95 %: {low:.0%} to {high:.0%})"
-    )
+    within = f"(95 %: {low:.0%} to {high:.0%})"
+    sentence = f"{100.0 * value:.0f} % of {drives} {what} in its twin {within}"
     fails = where_failed(road_map, done)
     if fails:
         sentence += f"; fails {fails}"

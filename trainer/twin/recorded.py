@@ -19,19 +19,18 @@ from robot.recording.topics import Turn
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S
 
-LEAST_S, ALL_S = 8.0, 20.0  # that a drive must last, and all of them together
+LEAST_S, ALL_S, _CUT_S = 8.0, 20.0, 0.5  # of a drive; of all; without a turn: it was cut out
 
 
 class Recorded(NamedTuple):
     """One drive. Times [s] are of the robot's clock, from the first turn on.
 
-    ``commands`` are rim speeds (K, 2) [m/s] after the driver's ramp, at each `PHYSICS_DT_S`.
     Pictures (F) are fresh ones, at the turns that saw them first. ``overhead`` has rows of when it
     saw the robot, x, y, heading; ``fused`` of what this believed. Both are empty without a map.
     """
 
     map_name: str  # "": none
-    commands: np.ndarray  # (K, 2)
+    commands: np.ndarray  # (K, 2) rim speeds [m/s] after the ramp, each `PHYSICS_DT_S`; NaN: cut
     times_s: np.ndarray  # (F,)
     images: np.ndarray  # (F, 120, 160, 3) uint8 RGB
     overhead: np.ndarray  # (M, 4)
@@ -48,7 +47,7 @@ class Recorded(NamedTuple):
     @property
     def seconds(self) -> float:
         """How long it lasted."""
-        return len(self.commands) * PHYSICS_DT_S
+        return np.isfinite(self.commands[:, 0]).sum() * PHYSICS_DT_S
 
 
 class UnfitError(ConfigError):
@@ -93,13 +92,14 @@ def read_drive(path: Path) -> Recorded:
     turned_s = np.array([t.time_s for t in turns]) - (begin_s := turns[0].time_s)
     grid_s = (np.arange(round(turned_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
     seen = [frames.get(turn.frame) for turn in turns]
-    each = zip(turns, seen, [None, *seen[:-1]], strict=True)
-    fresh = [turn for turn, now, last in each if now not in (None, last)]
+    fresh = [t for k, t in enumerate(turns) if seen[k] not in (None, *seen[max(k - 1, 0) : k])]
     images = [fit_to_frame(picture(frames[turn.frame])) for turn in fresh]
     above, own = (np.reshape(t, (-1, 4)) - (begin_s, 0.0, 0.0, 0.0) for t in (overhead, fused))
     step = PHYSICS_DT_S * (most := float(hat.get("acceleration_mps2", DriveLook.acceleration_mps2)))
-    asked = np.array([t.wheels for t in turns])[np.searchsorted(turned_s, grid_s, "right") - 1]
+    last = np.searchsorted(turned_s, grid_s, "right") - 1
+    asked = np.array([t.wheels for t in turns])[last]
     commands = np.array([*accumulate(asked, lambda v, new: np.clip(new, v - step, v + step))])
+    commands[np.diff(turned_s, append=turned_s[-1])[last] > _CUT_S] = np.nan
     skipped = 1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns))
     told = np.array(images), above, own, skipped, tuple(fresh), most
     return Recorded(map_name, commands, np.array([t.time_s - begin_s for t in fresh]), *told)

@@ -143,11 +143,11 @@ def teach(
             set_rate([optimiser], config.rate * (1.0 - 0.9 * step / config.steps))
             rows = rng.integers(count, size=config.batch)
             drawn = {name: part[rows] for name, part in seen.items()}
-            wanted = actions[rows]
-            if len(person.actions):
+            wanted = np.eye(len(FIVE_ACTIONS), dtype=np.float32)[actions[rows]]
+            if len(person.shares):
                 shares = person.weights / person.weights.sum()
-                chosen = rng.choice(len(person.actions), config.recorded, p=shares)
-                wanted = np.concatenate((wanted, person.actions[chosen]))
+                chosen = rng.choice(len(person.shares), config.recorded, p=shares)
+                wanted = np.concatenate((wanted, person.shares[chosen]))
                 told: dict[str, Any] = {"image": person.images, "path": person.paths}
                 drawn = {n: np.concatenate((part, told[n][chosen])) for n, part in drawn.items()}
             features = network.features({n: torch.from_numpy(part) for n, part in drawn.items()})
