@@ -74,10 +74,10 @@ def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
     channels: Dict[int, str] = {}
     for record in records(path):
         if isinstance(record, Channel):
-            channels[record.id] = record.topic
+            channels[record.id] = record.topic if record.message_encoding == "json" else ""
         elif isinstance(record, Message):
             topic = channels.get(record.channel_id, "")
-            if topic in names or not names:
+            if topic in names or (topic and not names):
                 yield Entry(topic, record.log_time / topics.NS, record.sequence, record.data)
 
 

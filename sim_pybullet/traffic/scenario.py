@@ -3,6 +3,8 @@
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import numpy as np
+
 from robot.errors import ConfigError, nearest
 from robot.typed_config import from_plain, read_yaml
 
@@ -40,10 +42,12 @@ class Scenario:
     def __post_init__(self) -> None:
         counts_fit = len(self.robots_pcs) > 0 and 0 <= self.walking <= self.nduckies
         ranges = [getattr(self, f.name) for f in fields(self) if f.type == Range]
-        if not counts_fit or any(low > high for low, high in ranges):
+        sizes = [f.name for f in fields(self) if f.type in (int, float, Range)]
+        below = any(np.min(getattr(self, n)) < 0.0 for n in sizes if n != "duckie_y_bounds")
+        if not counts_fit or below or any(low > high for low, high in ranges):
             raise ConfigError(
                 "scenario: expected at least one of robots_pcs, no more walking than nduckies, "
-                f"and ranges from low to high, got {self}"
+                f"ranges from low to high, and only duckie_y_bounds below 0, got {self}"
             )
 
 

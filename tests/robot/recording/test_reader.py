@@ -19,6 +19,8 @@ from robot.recording.reader import (
     entries,
     read_about,
     read_attachment,
+    read_frames,
+    read_turns,
     recover_folder,
 )
 
@@ -107,3 +109,18 @@ def test_a_damaged_length_that_asks_for_all_memory_ends_the_recording(
         kept = list(entries(tmp_path / "a.mcap"))
         assert len(kept) <= len(everything)
     assert refused
+
+
+def test_messages_of_another_robots_system_are_none_of_ours(tmp_path: Path) -> None:
+    """ROS writes topics of the same names, in bytes of its own."""
+    writer = pytest.importorskip("mcap.writer").Writer(str(tmp_path / "ros.mcap"))
+    writer.start()
+    for topic in (topics.POSE, topics.TURN, topics.CAMERA):
+        schema = writer.register_schema("geometry_msgs/msg/Pose", "ros2msg", b"Point position")
+        channel = writer.register_channel(topic.name, "cdr", schema)
+        writer.add_message(channel, 1, b"\x00\x01\x00\x00\xff", 1)
+    writer.finish()
+    assert list(entries(tmp_path / "ros.mcap", topics.POSE, topics.TURN)) == []
+    assert list(entries(tmp_path / "ros.mcap")) == []
+    assert list(read_turns(tmp_path / "ros.mcap")) == []
+    assert list(read_frames(tmp_path / "ros.mcap")) == []

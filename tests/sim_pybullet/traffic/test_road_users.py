@@ -213,3 +213,22 @@ def test_a_scenario_without_room_is_refused_at_last() -> None:
     crowd = Crowd(Streets([load_map("loop")]), many, 1)
     with pytest.raises(MapError, match=r"loop: expected room for the ducks.*ask for fewer"):
         crowd.begin(0, 0, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"npc_speed_mps": (-0.2, 0.1)},
+        {"duckie_wait_s": (-3.0, -1.0)},
+        {"npc_mistakes_per_min": -1.0},
+        {"nduckies": -1, "walking": -2},
+        {"min_dist": -0.5},
+        {"npc_headway_s": (2.0, 1.0)},
+        {"robots_pcs": ()},
+        {"nduckies": 1, "walking": 2},
+    ],
+)
+def test_a_scenario_that_cannot_be_is_refused(how: dict) -> None:
+    with pytest.raises(ConfigError, match="only duckie_y_bounds below 0"):
+        Scenario(**how)
+    assert Scenario(duckie_y_bounds=(-0.3, -0.2)).duckie_y_bounds[0] < 0.0
