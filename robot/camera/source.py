@@ -59,7 +59,7 @@ def fit_to_frame(picture: np.ndarray) -> np.ndarray:
 FIRST_WAIT_S = 0.5  # before opening again; doubles up to
 LONGEST_WAIT_S = 8.0
 ODD_WAIT_S = 0.01  # a stream of odd pictures must not keep a processor busy
-JOIN_S = 3.0
+JOIN_S = 12.0  # longer than any camera may take to its first picture
 
 logger = logging.getLogger(__name__)
 

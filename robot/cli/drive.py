@@ -65,8 +65,11 @@ class Terminal:
             self._say(f"{verdict.state.value}: {cap.reason if held else verdict.sentence}")
 
     def _read(self, lines: Iterable[str]) -> None:
-        for line in lines:
-            self._typed.put(line)
+        try:
+            for line in lines:
+                self._typed.put(line)
+        finally:  # nobody can type any more: Ctrl-D, a broken ssh, bytes that are no text
+            self._typed.put(Command.STOP.value)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

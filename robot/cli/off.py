@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Do it; HardwareError: no HAT, or one stays on; ConfigError: the usual ones are off alone."""
-    wrong: Optional[ConfigError] = None
+    wrong: Optional[Exception] = None
     buses: List[Union[int, str]] = [n for n in USUAL_BUSES if os.path.exists(f"/dev/i2c-{n}")]
     buses, addresses = buses or [USUAL_BUSES[0]], [*USUAL_ADDRESSES]
     if options.config is not None:
@@ -36,7 +36,12 @@ def run(options: argparse.Namespace) -> None:
             buses = [bus]
         except ConfigError as error:  # switching off must not wait for somebody to mend it
             wrong = error
-    told = [switch_off(open_bus(each), addresses, MonotonicClock()) for each in buses]
+    told = []
+    for each in buses:
+        try:
+            told.append(switch_off(open_bus(each), addresses, MonotonicClock()))
+        except HardwareError as error:  # nor for the repair of another bus
+            wrong = error
     for line in filter(None, told):
         print(line, flush=True)
     if wrong is not None:

@@ -78,8 +78,9 @@ class MotorThread(Worker):
         if self.healthy:
             return
         self.end()
-        self._driver.open()
-        self.start()
+        with self._guard:  # of who watches meanwhile
+            self._driver.open()
+            self.start()
 
     def set_wheels(self, wheels: WheelSpeeds) -> None:
         """Aim for these rim speeds [m/s]; ContractError beyond the driver's limits."""

@@ -35,7 +35,8 @@ MAX_PATH_POINTS, MAX_ENTRIES = 96, 8
 BEND_WORTH_M = 0.4  # a radian of bend is drawn with as many points as this length of straight
 XY = Tuple[float, float]
 LABEL, TEXT, TITLE = text(24), text(TEXT_LIMIT_BYTES), text(64)
-PLACE_M, AGE_S, SIZE = number(-FAR_M, FAR_M), number(0.0, 1e6), number(-1e9, 1e9)
+LONGEST_S = 1e6  # ages beyond, of 12 days, are told as this
+PLACE_M, AGE_S, SIZE = number(-FAR_M, FAR_M), number(0.0, LONGEST_S), number(-1e9, 1e9)
 WHEEL_MPS = number(-100.0, 100.0)  # no robot's wheel is faster
 
 
@@ -255,4 +256,4 @@ def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:
 
 def told_age(age_s: float) -> Optional[float]:
     """An age [s] as a message takes it: None for what never came."""
-    return max(0.0, age_s) if math.isfinite(age_s) else None
+    return min(max(0.0, age_s), LONGEST_S) if math.isfinite(age_s) else None

@@ -61,7 +61,7 @@ class LinkConfig:
     def __post_init__(self) -> None:
         expect_between("base_port", self.base_port, 1024, 65535 - len(BOUND_BY))
         for host in (self.robot_host, self.localizer_host, *(each.host for each in self.robots)):
-            if not re.fullmatch(r"[A-Za-z0-9_.-]+", host):
+            if not re.fullmatch(r"[A-Za-z0-9](\.?[A-Za-z0-9_-])*", host):
                 raise ConfigError(f"host: expected a name or an IPv4 address alone, got {host!r}")
 
     def open(self) -> Link:

@@ -26,6 +26,7 @@ from robot.link import sockets
 from robot.link.command_server import CommandServer
 from robot.link.messages import FrameMessage, PosesMessage, Reading, Telemetry
 from robot.link.sockets import Link
+from robot.link.wire import tidy_text
 from robot.navigation.company import Company, Reports
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import MissionNavigator
@@ -167,8 +168,8 @@ def open_reports(
     about = Telemetry(
         config.name,
         State.DISARMED.value,
-        model=Path(config.model).stem,
-        map=config.map,
+        model=tidy_text(Path(config.model).stem, 64),
+        map=tidy_text(config.map, 64),
         actions=contract.actions,
     )
     publish, show = None, None

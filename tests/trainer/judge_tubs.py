@@ -25,7 +25,7 @@ from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.twin import examples
 from trainer.twin.examples import Examples, examples_of, foretold
 from trainer.twin.recorded import Recorded
-from trainer.twin.teach import TeachConfig, base_file, load_base, teach
+from trainer.twin.teach import base_file, how_much, load_base, teach
 
 GAP, EVERY_S, THROTTLE = 20, 0.05, 0.6
 _BENDS = [DRIVE.twist(WheelSpeeds(*wheels)) for wheels in FIVE_ACTIONS]
@@ -77,7 +77,7 @@ def judge(folder: Path, base: str, steps: int, seed: int) -> list[Told]:
     person, rest = examples_of(*where, held_out=False), examples_of(*where, held_out=True)
     rest = Examples(*(None if part is None else part[GAP:] for part in rest))
     told = [ask(network, contract, rest)]
-    teach(network, contract, None, person, TeachConfig(steps, recorded=TeachConfig.batch), seed)
+    teach(network, contract, None, person, how_much(False, steps), seed)
     return [*told, ask(network, contract, rest)]
 
 

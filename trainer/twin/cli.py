@@ -75,7 +75,7 @@ def teach_command(
     from trainer.export import export_network
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
-    from trainer.twin.teach import TeachConfig, base_file, load_base, new_model, pose_error, teach
+    from trainer.twin.teach import base_file, how_much, load_base, new_model, pose_error, teach
     from trainer.twin.translation import twin_to_real
 
     console, path = Console(soft_wrap=True, highlight=False), base_file(base)
@@ -86,8 +86,7 @@ def teach_command(
     if not road_map and (cyclegan or contract.path_points or not len(person.shares)):
         raise ConfigError("without a map: expected your own driving, a lane keeper, no --cyclegan")
     twin = road_map and (road_map, load_look_sampler(out / "twin.yaml", pose_error(contract)))
-    options = TeachConfig() if twin else TeachConfig(900, recorded=TeachConfig.batch)
-    options = replace(options, steps=options.steps if steps is None else steps)
+    options = how_much(bool(twin), steps)
     how = contract.image, out, cyclegan, seed, console
     shown = twin_to_real(recordings, *how) if cyclegan else None
     with console.status("teaching"):

@@ -5,7 +5,7 @@ The expert knows the true path. Recorded frames come with the person's steering;
 they took over counts most (HG-DAgger, Kelly et al. 2019). Without a map there is no twin.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,12 @@ class TeachConfig:
     expert_share: float = 0.15  # of the steps, while the expert's share of the driving falls to 0
     random_share: float = 0.08  # of the actions, so that recoveries are seen
     painted: int = 10  # worlds of each kind
+
+
+def how_much(on_map: bool, steps: int | None = None) -> TeachConfig:
+    """What `teach` does; without a map only recordings tell of the road."""
+    usual = TeachConfig() if on_map else TeachConfig(900, batch=32, recorded=224)
+    return usual if steps is None else replace(usual, steps=steps)
 
 
 def base_file(name: str) -> Path:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from typing import List
+from contextlib import suppress
+from typing import Iterator, List
 
 from robot.cli.drive import Terminal
 from robot.contract import CONTROL_DT_S
@@ -13,7 +14,8 @@ from tests.robot.runtime.test_rules import at_line
 def typed(*lines: str) -> "tuple[Terminal, List[str]]":
     said: List[str] = []
     terminal = Terminal([f"{line}\n" for line in lines], said.append)
-    eventually(lambda: terminal._typed.qsize() == len(lines))
+    eventually(lambda: terminal._typed.qsize() == len(lines) + 1)
+    assert terminal._typed.queue.pop() == "stop"  # of who hung up; here somebody stays
     return terminal, said
 
 
@@ -27,6 +29,23 @@ def test_words_become_commands_and_refusals_are_told() -> None:
         "auto is not possible in DISARMED; possible: arm",
         "clear is not possible in HOLD; possible: arm, disarm",
     ]
+
+
+def test_who_can_type_no_more_stops_the_robot() -> None:
+    """Ctrl-D and a broken ssh end the input, and bytes that are no text the thread that reads."""
+
+    def broken() -> Iterator[str]:
+        yield "\n"
+        raise UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+
+    for lines in (iter(()), broken()):
+        bench = Bench().drive()
+        assert bench.state is State.AUTO
+        with suppress(UnicodeDecodeError):
+            terminal = Terminal(lines, lambda _: None)
+        eventually(lambda: not terminal._typed.empty())
+        terminal.serve(bench.runtime.ask)
+        assert bench.state is State.HOLD
 
 
 def test_an_unknown_word_is_told_with_the_nearest() -> None:
