@@ -13,7 +13,14 @@ import numpy as np
 import pytest
 
 from robot.camera import source
-from robot.camera.source import GstStream, NewestFrame, csi_command, gst_command
+from robot.camera.source import (
+    FIRST_PICTURE_S,
+    JOIN_S,
+    GstStream,
+    NewestFrame,
+    csi_command,
+    gst_command,
+)
 from robot.config import CameraConfig
 from robot.errors import ConfigError, HardwareError
 from tests.robot.camera.test_newest import eventually
@@ -156,3 +163,8 @@ def test_the_real_gst_launch_plays(tmp_path: Path) -> None:
     stream = GstStream(gst_command(["videotestsrc", "pattern=red"], (160, 120)), (160, 120))
     assert (np.abs(stream.grab().astype(int) - (255, 0, 0)) < 8).all()
     stream.close()
+
+
+def test_a_program_that_ends_waits_for_the_child_before_its_first_picture() -> None:
+    """Else `gst-launch-1.0` lives on, in a session of its own, and holds the camera."""
+    assert JOIN_S > FIRST_PICTURE_S >= 8.0

@@ -110,6 +110,24 @@ def test_an_unreadable_configuration_is_told_after_the_usual_places_were_switche
     assert not rig.hat.chip.outputs.any_high
 
 
+def test_a_bus_that_is_stuck_keeps_the_hat_on_no_other_one_hot(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = make_rig()
+    rig.driver.open()
+    rig.drive(0.2, 0.2, 1.0)
+    stuck = make_rig().bus
+    stuck.inject(BusFault.STUCK, count=1_000)
+    monkeypatch.setattr(off, "open_bus", {1: stuck, 7: rig.bus}.get)
+    there = ("/dev/i2c-1", "/dev/i2c-7")
+    monkeypatch.setattr(off.os.path, "exists", lambda path: path in there)
+    assert main(["off"]) == 1
+    told = capsys.readouterr()
+    assert "all outputs off at 0x6F" in told.out
+    assert "cut the motor supply" in told.err
+    assert not rig.hat.chip.outputs.any_high
+
+
 def test_an_absent_bus_ends_with_status_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

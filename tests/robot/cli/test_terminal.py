@@ -1,7 +1,9 @@
 from __future__ import annotations
 
-from contextlib import suppress
-from typing import Iterator, List
+import threading
+from typing import Iterable, Iterator, List
+
+import pytest
 
 from robot.cli.drive import Terminal
 from robot.contract import CONTROL_DT_S
@@ -31,21 +33,22 @@ def test_words_become_commands_and_refusals_are_told() -> None:
     ]
 
 
-def test_who_can_type_no_more_stops_the_robot() -> None:
+def broken() -> Iterator[str]:
+    yield "what\n"
+    raise UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize(("lines", "count"), [((), 1), (broken(), 2)])
+def test_who_can_type_no_more_stops_the_robot(lines: Iterable[str], count: int) -> None:
     """Ctrl-D and a broken ssh end the input, and bytes that are no text the thread that reads."""
-
-    def broken() -> Iterator[str]:
-        yield "\n"
-        raise UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
-
-    for lines in (iter(()), broken()):
-        bench = Bench().drive()
-        assert bench.state is State.AUTO
-        with suppress(UnicodeDecodeError):
-            terminal = Terminal(lines, lambda _: None)
-        eventually(lambda: not terminal._typed.empty())
-        terminal.serve(bench.runtime.ask)
-        assert bench.state is State.HOLD
+    bench = Bench().drive()
+    assert bench.state is State.AUTO
+    terminal = Terminal(lines, lambda _: None)
+    eventually(lambda: terminal._typed.qsize() == count)
+    eventually(lambda: all(thread.name != "terminal" for thread in threading.enumerate()))
+    terminal.serve(bench.runtime.ask)
+    assert bench.state is State.HOLD
 
 
 def test_an_unknown_word_is_told_with_the_nearest() -> None:

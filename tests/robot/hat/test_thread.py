@@ -1,4 +1,5 @@
 import time
+from threading import Thread
 from typing import Callable, Tuple
 
 import pytest
@@ -121,6 +122,27 @@ def test_a_mended_bus_drives_again_without_a_new_start(parts: tuple) -> None:
         motors.mend()  # nothing to do
         assert motors.healthy
     assert bus.log[-1].data == ALL_OFF
+
+
+def test_who_watches_leaves_a_hat_alone_that_is_being_mended(parts: tuple) -> None:
+    """For some milliseconds there is neither a thread nor a fault."""
+    motors, bus, _ = parts
+    with motors:
+        wait_for_motion(motors)
+        bus.inject(BusFault.NACK)
+        wait_for(lambda: not motors.healthy)
+        open_hat, watcher = motors._driver.open, Thread(target=motors.stop)
+
+        def slowly() -> None:
+            open_hat()
+            watcher.start()
+            watcher.join(0.2)
+
+        motors._driver.open = slowly
+        motors.mend()
+        watcher.join()
+        assert motors.healthy
+        wait_for_motion(motors)
 
 
 def test_an_absent_bus_is_told_before_anything_starts() -> None:

@@ -210,7 +210,10 @@ def test_an_oversized_message_never_reaches_the_program(configs: Configs, open_l
     assert until(good), "and hears the next good one"
 
 
-@pytest.mark.parametrize("host", ["tcp://192.168.1.11", "robot 1", "", "robot:5570", "ä"])
+@pytest.mark.parametrize(
+    "host",
+    ["tcp://192.168.1.11", "robot 1", "", "robot:5570", "ä", "192.168..5", "-", ".", "_", "a."],
+)
 def test_a_host_is_a_name_or_an_address_alone(host: str) -> None:
     for fields in ({"robot_host": host}, {"localizer_host": host}):
         with pytest.raises(ConfigError, match="a name or an IPv4 address alone"):

@@ -21,7 +21,15 @@ from robot.errors import ConfigError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.policy import SHIPPED_MODELS
 from robot.link.command_client import CommandClient
-from robot.link.messages import Ack, Mission, PosesMessage, Sighting, Telemetry
+from robot.link.messages import (
+    Ack,
+    InputAge,
+    Mission,
+    PosesMessage,
+    Sighting,
+    Telemetry,
+    told_age,
+)
 from robot.link.sockets import LinkConfig, OtherRobot, Publisher, Subscriber
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
@@ -202,6 +210,21 @@ def test_a_lane_policy_without_a_link_is_driven_from_the_terminal(tmp_path: Path
     reports = [entry.message() for entry in entries(path, topics.TELEMETRY)]
     assert [report["state"] for report in reports] == ["READY", "READY"]
     assert "recorded" in [reading["name"] for reading in reports[-1]["health"]]
+
+
+def test_names_and_silences_of_any_length_are_told(tmp_path: Path) -> None:
+    """Longer ones than a report takes kept a robot from starting, or put it into FAULT."""
+    model = write_policy(tmp_path / f"{'lane' * 20}.onnx", lane_contract())
+    parts = {
+        "camera": nullcontext(DarkCamera()),
+        "motors": nullcontext(RollingMotors(Pose(0.0, 0.0, 0.0))),
+    }
+    with open_robot(RobotConfig(str(model)), (FakeOperator(),), **parts) as runtime:
+        runtime.run(after(1))
+    days_s = 12.0 * 24.0 * 3600.0
+    assert InputAge("frame", told_age(days_s), 0.3).age_s == 1e6
+    assert told_age(-1.0) == 0.0
+    assert told_age(math.inf) is None
 
 
 def test_a_lane_keeper_stands_for_what_its_pictures_show(tmp_path: Path) -> None:
