@@ -56,6 +56,8 @@ def read_picture(path: Path) -> np.ndarray:
     log.setLogLevel(0)  # OpenCV's own words about a damaged picture, beside ours
     try:
         picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    except cv2.error:  # of more pixels than it takes
+        picture = None
     finally:
         log.setLogLevel(level)
     if picture is None:

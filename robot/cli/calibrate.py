@@ -40,9 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     told = "from the wheels' axle to the nearest row of squares (default %(default)s)"
     camera.add_argument("--ahead-m", type=number(0.02, 2.0), default=NEAR_EDGE_M, help=told)
     lens = kinds.add_parser("lens", help="the lens: pictures of the board at many angles")
-    lens.add_argument(
-        "--images", type=Path, required=True, help="folder of pictures; a new one: take them"
-    )
+    told = "folder of pictures; a new one: take them"
+    lens.add_argument("--images", type=Path, required=True, help=told)
     for each in (trim, baseline, camera, lens):
         each.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
 

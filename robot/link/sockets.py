@@ -238,9 +238,8 @@ class Publisher(Generic[M]):
         """Stamp the message with session, sequence and time, and publish it; as sent."""
         self._link.allow_list.admit()
         self._sequence += 1
-        stamped = replace(
-            message, session=self.session, sequence=self._sequence, t_sent_s=self._clock()
-        )
+        sequence, now_s = self._sequence, self._clock()
+        stamped = replace(message, session=self.session, sequence=sequence, t_sent_s=now_s)
         self._socket.send(stamped.to_bytes())
         return stamped
 

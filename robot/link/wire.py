@@ -113,9 +113,7 @@ def one_of(what: str, value: str, valid: Sequence[str]) -> None:
 def name(what: str, value: str) -> None:
     """A short identifier of letters, digits, '.', '_' and '-'."""
     if not _NAME.fullmatch(value):
-        raise ContractError(
-            f"{what}: expected 1 to 32 letters, digits, '.', '_' or '-', got {shown(value)}"
-        )
+        raise ContractError(f"{what}: expected 1 to 32 letters, digits or ._-, got {shown(value)}")
 
 
 NAME, COUNT, TIME_S = name(), number(0, MAX_COUNT), number(0.0, 1e10)

@@ -213,7 +213,7 @@ class PoseFusion:
         self._measured_s[taken] = captured_s[taken]
         self.rejected = np.where(taken, 0, self.rejected + fresh)
 
-    def correct(self, compare: Compare, captured_s: np.ndarray) -> np.ndarray:
+    def correct(self, compare: Compare, captured_s: np.ndarray, asked: np.ndarray) -> np.ndarray:
         """Take what else was measured of the poses at times (N,) [s].
 
         ``compare`` is told the estimates then, and the steps since, both (N, 3); it gives what
@@ -227,7 +227,7 @@ class PoseFusion:
         innovation, design, noise = compare(poses, since)
         known = np.isfinite(innovation).all(axis=1) & np.isfinite(poses).all(axis=1)
         distance = self._update(state, covariance, innovation, design, noise)
-        self._take(known & (distance < self.config.gate), state, since, covariance)
+        self._take(asked & known & (distance < self.config.gate), state, since, covariance)
         return np.where(known, distance, np.nan)
 
     def seen_error(self) -> np.ndarray:

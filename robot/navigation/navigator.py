@@ -16,7 +16,7 @@ from robot.geometry import Pose, wrap_angle
 from robot.link.freshness import PoseGate
 from robot.link.messages import (
     FAR_M,
-    TEXT_LIMIT_BYTES,
+    TEXT_BYTES,
     XY,
     Belief,
     MissionStatus,
@@ -157,7 +157,7 @@ class MissionNavigator:
                 "does the localizer see it, and does the link reach it?"
             )
         path = plan_path(self._graph, self.pose, destination_m)
-        at = path.project(self.pose.x_m, self.pose.y_m)
+        at = path.project(self.pose.x_m, self.pose.y_m, 0)
         if any(self._lost(at, self.pose)):
             turned_deg = math.degrees(float(wrap_angle(self.pose.heading_rad - at.heading_rad)))
             raise PlanError(
@@ -170,9 +170,7 @@ class MissionNavigator:
     def end(self, phase: str, reason: str = "") -> None:
         """The mission is over: ``stopped`` or ``failed``, and why."""
         if self.status is not None and self.status.phase == "driving":
-            self.status = replace(
-                self.status, phase=phase, reason=tidy_text(reason, TEXT_LIMIT_BYTES)
-            )
+            self.status = replace(self.status, phase=phase, reason=tidy_text(reason, TEXT_BYTES))
         self._path, self.path_points = None, ()
 
     def on_tick(self, tick: Tick) -> None:
@@ -286,7 +284,7 @@ class MissionNavigator:
         return self._take(path)
 
     def _take(self, path: Path) -> Path:
-        self._path, self._hint = path, None
+        self._path, self._hint = path, 0
         self.path_points = thin_path(path.points_m)
         return path
 

@@ -23,6 +23,7 @@ _LEAST = np.array((0.005, 0.03, 0.3, 0.01))  # standard deviations of maps, pain
 LINE = 0.5
 _LINE_M = (0.1, 0.6)  # from the axle, where red lines are told apart
 _ASKEW_RAD = 0.6  # in a junction, beyond which the lane meant may be another one's
+_STEP = 0.01  # [m, rad] between pictures: who stands sees nothing new
 _NOTHING = 1e6  # standard deviation of what was not seen
 
 
@@ -31,6 +32,7 @@ class SightFix:
 
     def __init__(self, fusion: PoseFusion, views: Sequence[LaneView]) -> None:
         self.fusion, self.views = fusion, list(views)
+        self._at, self._looks = np.full((len(self.views), 3), np.nan), np.zeros(len(self.views))
         self.took_s = np.full(len(self.views), -math.inf)  # when each was last corrected
 
     def see(self, seen: Seen, fresh: np.ndarray, now_s: float) -> np.ndarray:
@@ -40,11 +42,17 @@ class SightFix:
         """
         captured_s = np.full(len(fresh), now_s - USUAL_DELAY_S)
         sure = fresh & seen.in_lane
-        far = self.fusion.correct(lambda *told: self._lane(seen, sure, *told), captured_s)
+        still = np.abs(self.fusion.poses - self._at).max(axis=1) < _STEP
+        self._looks = np.where(still, self._looks, 0.0)
+        moved = self._looks < _WIDER
+        far = self.fusion.correct(lambda *told: self._lane(seen, sure, *told), captured_s, moved)
         self.took_s = np.where(far < self.fusion.config.gate, now_s, self.took_s)
-        lined = sure & (seen.line > LINE)
+        lined = sure & moved & (seen.line > LINE)
         if lined.any():
-            self.fusion.correct(lambda *told: self._line(seen, lined, *told), captured_s)
+            self.fusion.correct(lambda *told: self._line(seen, lined, *told), captured_s, lined)
+        taken = moved & (far < self.fusion.config.gate)
+        self._at = np.where(taken[:, None], self.fusion.poses, self._at)
+        self._looks += taken
         return far
 
     def _lane(

@@ -5,14 +5,7 @@ from typing import Callable, Optional, Tuple
 
 import numpy as np
 
-from robot.link.messages import (
-    TEXT_LIMIT_BYTES,
-    FrameMessage,
-    InputAge,
-    Reading,
-    Telemetry,
-    told_age,
-)
+from robot.link.messages import TEXT_BYTES, FrameMessage, InputAge, Reading, Telemetry, told_age
 from robot.link.wire import tidy_text
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Tick
@@ -74,7 +67,7 @@ class Reporter:
         return replace(
             self._about,
             state=tick.verdict.state.value,
-            reason=tidy_text(governed or tick.verdict.sentence, TEXT_LIMIT_BYTES),
+            reason=tidy_text(governed or tick.verdict.sentence, TEXT_BYTES),
             action=self._driven(tick),
             values=tuple(round(v, 4) for v in values.tolist()) if np.isfinite(values).all() else (),
             pose=None if pose is None else (pose.x_m, pose.y_m, pose.heading_rad),

@@ -122,15 +122,13 @@ def close(track: Track) -> Track:
     if max(gap_m, abs(askew_rad)) < 1e-9:
         return track
     share = math.degrees(askew_rad) / max(sum(abs(s.angle_deg) for s in track.segments), 1e-9)
-    straightened = [
-        replace(s, angle_deg=s.angle_deg - share * abs(s.angle_deg)) for s in track.segments
-    ]
+    eased = [replace(s, angle_deg=s.angle_deg - share * abs(s.angle_deg)) for s in track.segments]
     # Headings are settled now: the end is a sum of vectors, as long as each length or radius.
-    ways = np.diff(np.array(_begins(straightened))[:, :2], axis=0).T
+    ways = np.diff(np.array(_begins(eased))[:, :2], axis=0).T
     scales = 1.0 - np.linalg.lstsq(ways, ways.sum(axis=1), rcond=None)[0]
     segments = tuple(
         replace(s, straight_m=s.straight_m * scale, radius_m=s.radius_m * scale)
-        for s, scale in zip(straightened, scales.tolist(), strict=True)
+        for s, scale in zip(eased, scales.tolist(), strict=True)
     )
     return replace(track, segments=segments)
 

@@ -110,26 +110,24 @@ class GuidanceFeed:
             self._fusion.measure(np.where(silent[:, None], np.nan, told), captured_s)
         self._believe(poses)
 
-    def see(
-        self, images: np.ndarray, robots: np.ndarray, fresh: np.ndarray, maps: np.ndarray
-    ) -> None:
-        """Pictures (M, H, W, 3) of robots (M,) came now, after the poses of this moment.
+    def see(self, images: np.ndarray, who: np.ndarray, new: np.ndarray, maps: np.ndarray) -> None:
+        """Pictures (M, H, W, 3) of these robots (M,) came now, after the poses of this moment.
 
         Args:
             images: frames, or pictures as sight takes them.
-            fresh: (N,) who has a new one.
+            new: (N,) who has a new one.
             maps: (N,) index of the map that each robot is on.
         """
         sight = self._sources.sight
         if sight is None:
             return
-        whole = np.zeros((len(fresh), *images.shape[1:]), np.uint8)
-        whole[robots] = images
+        whole = np.zeros((len(new), *images.shape[1:]), np.uint8)
+        whole[who] = images
         if images.shape[1:] != sight.contract.image.shape:
             whole = preprocess_batch(whole, sight.contract.image)
         self._fix.views = [self._views[k] for k in maps.tolist()]
         self.seen = sight(whole)
-        self._fix.see(self.seen, fresh & ~self._exact, self._now_s)
+        self._fix.see(self.seen, new & ~self._exact, self._now_s)
         self.poses = np.where(self._exact[:, None], self.poses, self._fusion.poses)
 
     @property

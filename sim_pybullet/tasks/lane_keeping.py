@@ -9,7 +9,7 @@ from robot.errors import expect_one_of
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.following import Following
-from sim_pybullet.tasks.spec import Choices, PaperRow, TaskSpec, TaskStep, expect_some, register
+from sim_pybullet.tasks.spec import Choices, PaperRow, TaskSpec, TaskStep, expect_any, register
 
 LANES = ("outer", "inner", "both")
 LAPS = 2.0
@@ -39,7 +39,7 @@ class LaneKeeping(Following):
         laps: float = LAPS,
         start_spread: float = 1.0,
     ) -> None:
-        expect_some("LaneKeeping", road_maps, n_robots, laps)
+        expect_any("LaneKeeping", road_maps, n_robots, laps)
         expect_one_of("lane", lane, LANES)
         sides = ("outer", "inner") if lane == "both" else (lane,)
         loops = [[lane_loop(m, outer=side == "outer") for side in sides] for m in road_maps]

@@ -12,7 +12,7 @@ from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.following import Following
-from sim_pybullet.tasks.spec import Mission, PaperRow, TaskSpec, TaskStep, expect_some, register
+from sim_pybullet.tasks.spec import Mission, PaperRow, TaskSpec, TaskStep, expect_any, register
 
 SHORTEST_TILES = 3.0  # from start to destination, along the path
 _DRAWS = 500  # of start and destination, before a map is given up
@@ -40,7 +40,7 @@ class Navigation(Following):
     def __init__(
         self, road_maps: Sequence[RoadMap], n_robots: int, start_spread: float = 1.0
     ) -> None:
-        expect_some("Navigation", road_maps, n_robots)
+        expect_any("Navigation", road_maps, n_robots)
         self._routes = [RandomRoutes(road_map) for road_map in road_maps]
         examples = [[routes.draw(np.random.default_rng(0))] for routes in self._routes]
         self._tile_sizes_m = np.array([road_map.tile_size_m for road_map in road_maps])

@@ -61,7 +61,7 @@ class TaskStep(NamedTuple):
         return np.asarray(self.terms.sum(axis=0))
 
 
-def expect_some(task: str, maps: Sequence[object], robots: int, laps: float = 1.0) -> None:
+def expect_any(task: str, maps: Sequence[object], robots: int, laps: float = 1.0) -> None:
     """ConfigError without maps, robots or laps."""
     if not maps or robots < 1 or laps <= 0.0:
         raise ConfigError(

@@ -17,15 +17,7 @@ from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S, DelayLine, pursuit
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
 from sim_pybullet.randomise import load_looks
-from sim_pybullet.tasks.spec import (
-    Choices,
-    Mission,
-    Task,
-    TaskSpec,
-    TaskStep,
-    expect_some,
-    register,
-)
+from sim_pybullet.tasks.spec import Choices, Mission, Task, TaskSpec, TaskStep, expect_any, register
 
 # Steering (positive to the left) and throttle (negative brakes), in the order of paper B, section
 # 3.1: straight, left, right, each with throttle, with brakes, and rolling.
@@ -172,7 +164,7 @@ class TrackRacing(Task):
         style: Style = STYLES["race"],
         start_spread: float = 1.0,
     ) -> None:
-        expect_some("TrackRacing", road_maps, n_robots, laps)
+        expect_any("TrackRacing", road_maps, n_robots, laps)
         self._lines = [centre_line(track) for track in road_maps]
         halves_m = np.array([line.half_width_m for line in self._lines])
         path = self._lines[0].path

@@ -10,7 +10,7 @@ from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.motors import expert_actions
 from sim_pybullet.tasks.following import NOMINAL_STEP_M, Following, following_terms
-from sim_pybullet.tasks.spec import Choices, TaskSpec, TaskStep, expect_some, register
+from sim_pybullet.tasks.spec import Choices, TaskSpec, TaskStep, expect_any, register
 from sim_pybullet.traffic.ahead import behind
 from sim_pybullet.traffic.crowd import STANDS_MPS, Approach, Body, Crowd
 from sim_pybullet.traffic.drivers import GAP_M, LINE_S
@@ -62,7 +62,7 @@ class Traffic(Following):
         scenario: Scenario,
         start_spread: float = 1.0,
     ) -> None:
-        expect_some("Traffic", road_maps, n_robots)
+        expect_any("Traffic", road_maps, n_robots)
         self.group = len(scenario.robots_pcs)
         if n_robots % self.group:
             raise ConfigError(
@@ -114,10 +114,8 @@ class Traffic(Following):
     def look(self, poses: np.ndarray) -> Approach:
         """What is ahead of all cars, ours at poses (N, 3) first; looked up once a decision."""
         if self._seen is None:
-            velocities = self._grouped(self._velocities)
-            self._seen = self.crowd.look(
-                self._grouped(poses), self.paths, self.course.arc_m, velocities
-            )
+            here, moving = self._grouped(poses), self._grouped(self._velocities)
+            self._seen = self.crowd.look(here, self.paths, self.course.arc_m, moving)
         return self._seen
 
     def moving(self, poses: np.ndarray, share: float = 1.0) -> np.ndarray:

@@ -263,9 +263,7 @@ class Layout:
         tour = self._streets.tours[self._k][self._places.tour[place]]
         return tour, float(self._places.arc_m[place])
 
-    def _apart(
-        self, xy_m: np.ndarray, others: list[tuple[float, float]], away_m: float
-    ) -> np.ndarray:
-        """(K,) bool: which places (K, 2) are far enough from all others."""
-        delta = xy_m[:, None] - np.array(others).reshape(-1, 2)
-        return np.asarray((np.hypot(delta[..., 0], delta[..., 1]) > away_m).all(axis=1))
+    def _apart(self, xy_m: np.ndarray, them: list[tuple[float, float]], far_m: float) -> np.ndarray:
+        """(K,) bool: which places (K, 2) are far enough from all of them."""
+        delta = xy_m[:, None] - np.array(them).reshape(-1, 2)
+        return np.asarray((np.hypot(delta[..., 0], delta[..., 1]) > far_m).all(axis=1))

@@ -31,6 +31,8 @@ FLUSH_EVERY = 100  # turns
 def drives_in(places: Sequence[Path]) -> list[Path]:
     """The recordings named, and those in folders named."""
     found = [p for place in places for p in (sorted(place.glob(f"*{SUFFIX}")) or [place])]
+    if not found:
+        raise ConfigError("recordings: expected one or more, or folders of them, got none")
     return list({path.resolve(): path for path in found}.values())
 
 

@@ -118,8 +118,9 @@ def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
         return [asdict(drive) for drive in list_drives(monitor.drives)]
 
     @app.get("/api/drives/{name}")
-    def drive(name: str) -> list[dict[str, Any]]:
-        return read_drive(monitor.drives, name)
+    def drive(name: str) -> Response:  # written in this thread, and piece by piece
+        told = ",".join(map(json.dumps, read_drive(monitor.drives, name)))
+        return Response(f"[{told}]", media_type="application/json")
 
     @app.get("/api/drives/{name}/picture")
     def drive_picture(name: str, t_s: Seconds) -> Response:
@@ -201,6 +202,8 @@ class Page:
             if text == "seen":
                 self._monitor.page_showed(self)
                 self._room.release()
+            elif text == "stop":  # not behind requests that wait for one another
+                self._stopping = asyncio.create_task(self._monitor.command("stop"))
             elif text is not None and len(text) <= TEXT_LIMIT:
                 self._drive(text)
 

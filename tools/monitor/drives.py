@@ -65,7 +65,9 @@ class DriveRecorder:
         mission = telemetry.mission
         driving = mission.id if mission is not None and mission.phase == "driving" else ""
         by_hand = telemetry.state == "MANUAL"
-        completed = bool(driving and self._mission not in ("", driving)) and self.close()
+        ends = telemetry.t_sent_s < self._flushed_s  # the robot, and its clock, began anew
+        ends |= driving != "" and self._mission not in ("", driving)
+        completed = ends and self.close()
         if (driving or by_hand) and self._file is None:
             self._begin(telemetry, driving or "hand")
         if self._file is not None:

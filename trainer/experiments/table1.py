@@ -137,10 +137,8 @@ def foretell(out: Path, options: Table1Options, console: Console) -> Table:
             logits = through(network, rest.stacked(), size=_AT_ONCE)
             rows.append(compare(kind, seed, rest.turns, logits.argmax(1)))
     counts = [np.bincount(part.turns, minlength=len(records.Turn)) for part in (training, test)]
-    shares = [(count / count.sum()).tolist() for count in counts]
-    return Table(
-        str(options.data), len(training.last), len(test.last), shares[0], shares[1], tuple(rows)
-    )
+    taught, asked = ((count / count.sum()).tolist() for count in counts)
+    return Table(str(options.data), len(training.last), len(test.last), taught, asked, tuple(rows))
 
 
 def _refuse_one_turn(part: records.Stacks, name: str, drive: records.Drive) -> None:

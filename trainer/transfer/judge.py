@@ -35,7 +35,9 @@ def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path])
         "photographs": len(shown),
         "colours_before": colour_distance(simulated.images, shown),
         "colours_after": colour_distance(made, shown),
-        "colours_apart": colour_distance(shown[::2], shown[1::2]),  # photographs from each other
+        "colours_apart": colour_distance(
+            shown[::2], shown[min(1, len(shown) - 1) :: 2]
+        ),  # photographs from each other
         "lanes_kept": lanes_kept(simulated.images, folder, paint, made),
     }
 

@@ -159,6 +159,8 @@ def load_sources(options: ParseOptions) -> list[tuple[str, Labelled, Labelled]]:
         found.append((sources.annotations, pictures, held))
     if not found:
         raise ConfigError("parse: expected --pairs or --annotations with --photos, got none")
+    if wrong := [name for name, _, held in found if held.all() or not held.any()]:
+        raise ConfigError(f"{wrong[0]}: expected frames to learn from and others held out")
     return [(name, data.pick(~held), data.pick(held)) for name, data, held in found]
 
 
@@ -207,13 +209,13 @@ def load_drawn(annotations: Annotations, photographs: Path, size: tuple[int, int
 
     ConfigError if the folder does not hold one of them, at any depth.
     """
-    paths = {path.name: path for path in photographs.rglob("*") if path.is_file()}
-    drawn = annotations.photographs
+    every = [path for path in photographs.rglob("*") if path.is_file()]
+    paths, drawn = {path.name: path for path in every}, annotations.photographs
     for photograph in drawn:
-        if photograph.file not in paths:
+        if (count := [path.name for path in every].count(photograph.file)) != 1:
             raise ConfigError(
-                f"{photographs}: expected the annotated photograph {photograph.file}, found none "
-                "of that name; point --photos at the set that was annotated"
+                f"{photographs}: expected one photograph named {photograph.file}, found {count}; "
+                "point --photos at the set that was annotated"
             )
     frames = np.stack([_read(paths[each.file], size) for each in drawn])
     truth = np.stack([draw(each, annotations.size, size) for each in drawn])

@@ -150,7 +150,7 @@ def narrow_unet(width: int, blocks: int) -> nn.Module:
     return Changing(UNet(down, deep, up, last))
 
 
-def pix2pix_unet(size: tuple[int, int] | None, channels: int, halvings: int) -> nn.Module:
+def paper_unet(size: tuple[int, int] | None, channels: int, halvings: int) -> nn.Module:
     """The generator of pix2pix: 4x4 convolutions of stride 2, batch normalisation (Isola et al.).
 
     Inside it pictures have ``size`` (H, W), if one is given; the channels of the first layer are

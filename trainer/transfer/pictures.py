@@ -71,10 +71,10 @@ def pictures_of(path: Path) -> Iterator[np.ndarray]:
 def label_of(picture: Path) -> np.ndarray:
     """The grey values (H, W) uint8 of a picture's label; ConfigError if there is none."""
     path = picture.parent.parent / "label" / f"{picture.stem}.png"
-    label = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.exists() else None
-    if label is None:
+    label = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.exists() else None
+    if label is None or label.ndim != 2 or label.dtype != np.uint8:
         raise ConfigError(
-            f"{path}: expected the labels of {picture.name}, got none; "
+            f"{path}: expected the labels of {picture.name}, 8-bit grey, got none; "
             "gather frames with duckpilot collect"
         )
     return np.asarray(label)
@@ -93,6 +93,8 @@ def load_paint(pictures: Pictures, image: ImageSpec) -> np.ndarray:
 
     (N, 4, H, W) uint8, 255 is all of it: white, yellow and red lines, road; resized by area.
     """
+    if len(pictures.files) != len(pictures.images):
+        raise ConfigError("sim: expected folders of duckpilot collect, got a film or recording")
     size, shares = (image.width_px, image.height_px), []
     for label in map(label_of, pictures.files):
         masks = [np.uint8(255) * (label == kind) for kind in PAINTS]

@@ -27,14 +27,7 @@ from trainer.resumable import descend, run_steps, set_rate
 from trainer.transfer.cli import ThroughOptions
 from trainer.transfer.cyclegan import structure
 from trainer.transfer.labelled import LABEL_SETS, ROAD, LabelSet, load_pairs
-from trainer.transfer.networks import (
-    as_bytes,
-    painted,
-    patch_critic,
-    pix2pix_unet,
-    resized,
-    through,
-)
+from trainer.transfer.networks import as_bytes, painted, paper_unet, patch_critic, resized, through
 from trainer.transfer.parser import Parser, load_parser
 from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, load_paint, load_pictures, spread
 
@@ -88,7 +81,7 @@ class Pix2Pix:
     def __init__(self, config: Pix2PixConfig, seed: int) -> None:
         torch.manual_seed(seed)
         self.config = config
-        self.generator = pix2pix_unet(config.size, config.channels, config.halvings).apply(_normal)
+        self.generator = paper_unet(config.size, config.channels, config.halvings).apply(_normal)
         critic = patch_critic(config.channels, config.critic_layers, 6, nn.BatchNorm2d)
         self.critic = critic.apply(_normal)
         self.of_generator, self.of_critic = (

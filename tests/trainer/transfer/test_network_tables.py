@@ -20,8 +20,8 @@ from trainer.transfer.networks import (
     as_bytes,
     narrow_unet,
     painted,
+    paper_unet,
     patch_critic,
-    pix2pix_unet,
     resized,
     unpooled,
 )
@@ -116,7 +116,7 @@ def test_skips_go_to_where_they_were_halved() -> None:
 
 def test_the_generator_of_pix2pix_is_that_of_the_paper() -> None:
     """Isola et al., 6.1: C64-C128-C256-C512-C512-C512-C512-C512, and back with skips."""
-    network = pix2pix_unet((256, 256), 64, 8)
+    network = paper_unet((256, 256), 64, 8)
     widths = [64, 128, 256, 512, 512, 512, 512, 512]
     down = [(a, b, 4, 2, (1, 1), False) for a, b in zip([3, *widths], widths, strict=False)]
     up = [
@@ -139,7 +139,7 @@ def test_the_generator_of_pix2pix_is_that_of_the_paper() -> None:
 
 
 def test_a_small_generator_of_pix2pix_has_no_noise() -> None:
-    network = pix2pix_unet((40, 80), 4, 3)
+    network = paper_unet((40, 80), 4, 3)
     assert count(network, nn.Dropout) == 0
     assert [row[:2] for row in table(network)] == [
         *((3, 4), (4, 8), (8, 16)),

@@ -11,11 +11,13 @@ import { Replay } from "./replay.js";
 
 const LOST_MS = 1000;
 const RECONNECT_MS = 500;
+const GIVE_UP_MS = 3000;
 const OVERHEAD_SHOWN_S = 1;
 
 let socket = null;
 let state = null;
 let heardAt = performance.now();
+let triedAt = heardAt;
 let logged = 0;
 let drives = -1;
 let asking = false; // about a mission: the answer is shown on the map
@@ -40,6 +42,7 @@ function tellSeen() {
 }
 
 function connect() {
+  triedAt = performance.now();
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
   socket.binaryType = "blob";
   socket.onmessage = ({ data }) => {
@@ -156,6 +159,7 @@ async function ask(kind, more = {}) {
 
 function stop() {
   hand.off();
+  if (socket?.readyState === WebSocket.OPEN) socket.send("stop"); // a request may have to wait
   command("stop");
 }
 
@@ -210,6 +214,7 @@ function theme() {
 
 makeActions((action) => hand.press(action));
 document.addEventListener("visibilitychange", tellSeen);
+$("stop").addEventListener("pointerdown", stop); // a finger that slides or is the second never clicks
 $("stop").addEventListener("click", stop);
 addEventListener("keydown", (event) => {
   if (event.key !== " " && event.code !== "Space") return;
@@ -237,6 +242,12 @@ setInterval(() => {
   if (lost > LOST_MS) {
     showState(state, lost / 1000);
     if (state && !replay.on) showRobot(state.robot, false, false, lost / 1000);
+    // A connection that the network swallowed is not told of its end for a long time.
+    if (Math.min(lost, performance.now() - triedAt) > GIVE_UP_MS && socket.readyState <= WebSocket.OPEN) {
+      socket.onclose = socket.onmessage = null;
+      socket.close();
+      connect();
+    }
   }
 }, 250);
 

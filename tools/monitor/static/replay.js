@@ -42,6 +42,7 @@ export class Replay {
     const address = `/api/drives/${encodeURIComponent(drive.name)}`;
     const reports = await (await fetch(address)).json();
     if (!reports.length) return;
+    const marks = await (await fetch(`${address}/marks`)).json();
     let path = [];
     for (const report of reports) {
       path = report.path.length ? report.path : path;
@@ -51,7 +52,7 @@ export class Replay {
     this.address = address;
     this.pictured = null;
     this.#begin(null);
-    this.#marked(await (await fetch(`${address}/marks`)).json());
+    this.#marked(marks);
     this.opened();
     this.name = new Date(drive.began).toLocaleTimeString([], { timeStyle: "short" });
     $("replay-time").max = reports.at(-1).t_s;
