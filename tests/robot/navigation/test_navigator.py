@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from contextlib import suppress
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -330,3 +331,29 @@ def test_the_way_is_checked_by_the_heading_that_was_told_else_by_the_believed_on
     world.messages = [dataclasses.replace(world.messages[0], robots=(unknown,))]
     world.turn(seen=False)
     assert abs(float(wrap_angle(seen[-1].heading_rad - START.heading_rad))) < 0.3
+
+
+def test_a_route_that_comes_back_to_its_start_is_driven_from_its_start() -> None:
+    """Its later part, the oncoming lane or the same crossing, may be nearer to the robot."""
+    rng, tried = np.random.default_rng(1), 0
+    while tried < 15:
+        begins, ends = rng.choice(len(GRAPH.lanes), 2)
+        at = GRAPH.lanes[begins].pose_at(rng.random())
+        beside = at.to_world(np.array([[0.0, rng.uniform(-0.14, 0.14)]]))[0]
+        pose = Pose(*beside.tolist(), float(wrap_angle(at.heading_rad + rng.normal(0.0, 0.3))))
+        goal = GRAPH.lanes[ends].pose_at(rng.random())[:2]
+        if not TOWN.on_road(*pose[:2]) or math.dist(pose[:2], goal) < 1.0:
+            continue
+        path = plan_path(GRAPH, pose, goal)
+        if path.project(*pose[:2]).arc_m - path.project(*pose[:2], 0).arc_m < 0.3:
+            continue
+        tried += 1
+        world = World(pose)
+        for _ in range(4):
+            world.turn()
+        with suppress(PlanError):  # too far from it, or turned too far
+            world.navigator.begin("m", goal)
+            world.turn()
+            status = world.navigator.status
+            assert status.phase == "driving"
+            assert status.remaining_m > path.length_m - 0.4
