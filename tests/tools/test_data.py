@@ -179,6 +179,8 @@ def test_drives_in_which_nobody_drove_are_left_out(tmp_path: Path) -> None:
 def test_a_drive_named_twice_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(recorded(tmp_path, "a").parent)
     assert drives_in([Path("a.mcap"), tmp_path / "a.mcap", tmp_path]) == [tmp_path / "a.mcap"]
+    with pytest.raises(ConfigError, match="expected one or more, or folders of them, got none"):
+        drives_in([])
 
 
 def test_a_cut_replaces_no_other_recording(tmp_path: Path) -> None:

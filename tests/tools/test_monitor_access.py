@@ -89,6 +89,15 @@ def test_names_that_others_can_bend_to_this_address_are_refused(
     assert known.get("/", headers={"host": host}).status_code == 400
 
 
+@pytest.mark.parametrize(
+    ("header", "value", "status"),
+    [("host", "127.0.0.1:99999", 400), ("host", "127.0.0.1:x", 400), ("origin", "http://[", 401)],
+)
+def test_headers_that_are_no_addresses_are_refused(header: str, value: str, status: int) -> None:
+    assert client().get("/", headers={header: value}).status_code == status
+    assert client().get("/?token=secret", headers={"origin": "http://["}).status_code == 200
+
+
 def test_a_wildcard_address_is_reached_by_number_but_not_by_any_name() -> None:
     number = client("0.0.0.0", "http://192.168.1.20:8600")
     assert number.get("/?token=secret").status_code == 200

@@ -336,6 +336,16 @@ def standing_within_s(thread: RobotThread) -> float:
     return moved_s - began_s
 
 
+def test_a_stop_comes_in_beside_requests_that_wait_for_one_another(
+    page: Page, thread: RobotThread
+) -> None:
+    """A browser has six requests under way at most; a seventh waits, but not a word like this."""
+    assert page.ask("mission", destination=ahead(thread, 0.5))["accepted"]
+    page.until(state="AUTO")
+    page.socket.send_text("stop")
+    page.until(state="HOLD", reason="stop, by a person")
+
+
 def test_a_hand_that_lets_go_without_a_word_stops_the_robot(
     page: Page, thread: RobotThread
 ) -> None:
@@ -509,12 +519,12 @@ def test_whatever_is_posted_is_answered_in_short(browser: TestClient, body: byte
 
 def test_a_body_has_a_size_and_a_limit(browser: TestClient) -> None:
     stop = b'{"kind": "stop"}'
-    fits = browser.post("/api/command", content=stop.ljust(4096), headers=JSON)
+    fits = browser.post("/api/command", content=stop.ljust(65536), headers=JSON)
     assert fits.status_code == 200
-    larger = browser.post("/api/command", content=stop.ljust(4097), headers=JSON)
+    larger = browser.post("/api/command", content=stop.ljust(65537), headers=JSON)
     assert (larger.status_code, larger.text) == (
         413,
-        "expected Content-Length, at most 4096 bytes\n",
+        "expected Content-Length, at most 65536 bytes\n",
     )
     padded = {**JSON, "content-length": "0" * 20 + "9"}
     assert browser.post("/api/command", content=stop, headers=padded).status_code == 413
@@ -574,6 +584,10 @@ def test_a_drive_by_hand_is_recorded_and_marked(
     piece = {"from_s": 0.0, "to_s": 0.2, "kind": "good"}
     assert browser.post(marks, json=[piece], headers=HEADERS).json()["accepted"]
     assert browser.get(marks).json()[0]["kind"] == "good"
+    many = [{**piece, "to_s": 0.001 * k} for k in range(1, 301)]
+    assert browser.post(marks, json=many, headers=HEADERS).json()["accepted"]
+    assert len(browser.get(marks).json()) == 300
+    assert browser.get(f"/api/drives/{drive['name']}").json()[0]["state"] == "MANUAL"
     backwards = {**piece, "to_s": 0.0}
     answer = browser.post(marks, json=[backwards], headers=HEADERS).json()
     assert "to a later one" in answer["reason"]

@@ -91,6 +91,17 @@ def test_a_new_mission_begins_a_new_drive(tmp_path: Path) -> None:
     assert [drive.phase for drive in list_drives(tmp_path)] == ["stopped", "stopped"]
 
 
+def test_a_robot_that_boots_anew_in_a_drive_begins_another_recording(tmp_path: Path) -> None:
+    """Its clock does, too: a drive of seconds had lasted for two hours, backwards."""
+    recorder = DriveRecorder(tmp_path, iter((1.7e9, 1.7e9 + 60.0)).__next__)
+    reports = report(7200.0), report(7200.1), report(20.0), report(20.1, "stopped")
+    assert [recorder.take(one) for one in reports] == [False, False, True, True]
+    first, second = list_drives(tmp_path)
+    for each in (first, second):
+        assert each.duration_s == pytest.approx(0.1)
+        assert read_drive(tmp_path, each.name)[0]["t_s"] == 0.0
+
+
 def by_hand(t_s: float, **fields: object) -> Telemetry:
     return replace(report(t_s, "stopped"), state="MANUAL", **fields)  # type: ignore[arg-type]
 
