@@ -78,16 +78,14 @@ def _person(x_m: float, y_m: float, rng: np.random.Generator) -> list[Solid]:
     ]
 
 
-def _place(
-    road_map: RoadMap, radius_m: float, rng: np.random.Generator
-) -> tuple[float, float] | None:
+def _place(town: RoadMap, radius_m: float, rng: np.random.Generator) -> tuple[float, float] | None:
     """Somewhere on or around the map where a disc touches no road; None where none was found."""
     low = np.full(2, -_MARGIN_M)
-    high = np.array((road_map.width_m, road_map.height_m)) + _MARGIN_M
+    high = np.array((town.width_m, town.height_m)) + _MARGIN_M
     around = radius_m * np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4])
     for _ in range(_TRIES):
         place = rng.uniform(low, high)
-        if not any(road_map.on_road(*point) for point in (*(place + around), place)):
+        if not any(town.on_road(*point) for point in (*(place + around), place)):
             return float(place[0]), float(place[1])
     return None
 

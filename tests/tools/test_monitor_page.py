@@ -377,6 +377,19 @@ def test_a_finger_on_the_pad_steers_and_lets_go(browser: Browser, programs: Prog
     assert browser.problems == []
 
 
+def test_a_finger_that_only_touches_stop_has_stopped_the_robot(
+    browser: Browser, programs: Programs
+) -> None:
+    """One that slides, or comes beside the thumb on the pad, never makes a click."""
+    opened(browser, programs)
+    browser.click_on("#arm")
+    browser.until(f"{STATE} === 'READY'")
+    touch = "new PointerEvent('pointerdown', {bubbles: true, pointerId: 2, pointerType: 'touch'})"
+    browser.evaluate(f"document.querySelector('#stop').dispatchEvent({touch}); 0")
+    browser.until(f"{STATE} === 'HOLD'", 2.0)
+    assert browser.problems == []
+
+
 def test_a_page_whose_monitor_hangs_says_so(browser: Browser, programs: Programs) -> None:
     opened(browser, programs)
     monitor = programs.monitor.pid

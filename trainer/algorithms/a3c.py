@@ -62,7 +62,7 @@ class SharedRmsprop(torch.optim.Optimizer):
     """RMSProp on weights and statistics that other processes change, too (Mnih et al. 2016)."""
 
     def __init__(self, parameters: Any, lr: float, decay: float, epsilon: float, workers: int):
-        super().__init__(parameters, {"lr": lr})
+        super().__init__((each for each in parameters if each.requires_grad), {"lr": lr})
         self._own, self._decay, self._epsilon = self.param_groups[0]["params"], decay, epsilon
         weights = parameters_to_vector(self._own).detach()
         steps = torch.zeros(workers, dtype=torch.int64)
@@ -102,7 +102,8 @@ class A3C(FallingEntropy, A2C):
         shared = self.optimiser.shared
         if self.number:
             return super().learn(total_timesteps, *arguments, **options)
-        shared.weights.copy_(parameters_to_vector(self.policy.parameters()).detach())
+        own = (each for each in self.policy.parameters() if each.requires_grad)
+        shared.weights.copy_(parameters_to_vector(own).detach())
         shared.steps.zero_()
         self.begun = 0 if options.get("reset_num_timesteps", True) else self.num_timesteps
         self._processes = LocalProcesses()
@@ -149,7 +150,7 @@ class A3C(FallingEntropy, A2C):
                     more, self._cpu_s[k] = pipe.recv()
                     ended += more
             told.append((ended, self._cpu_s[k]))
-            if end := self._processes.ended(process):
+            if (end := self._processes.ended(process)) and end.status:  # 0: all steps are done
                 lost = PeerLostError if end.status < 0 else RuntimeError
                 raise lost(
                     f"A3C: expected workers that go on until told to stop, worker {k + 2} left: "

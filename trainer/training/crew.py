@@ -9,6 +9,7 @@ The process that was asked to train leads. Its followers have nothing that it do
 one is lost, the leader goes on with fresh ones from where its weights are.
 """
 
+import os
 import secrets
 import signal
 import socket
@@ -116,25 +117,26 @@ class Crew:
             return
         self._server, self._key = socket.create_server((host, 0)), secrets.token_bytes(KEY_BYTES)
         self._server.settimeout(_LOOK_S)
-        where = host, self._server.getsockname()[1], self._key
+        where = host, self._server.getsockname()[1], self._key, os.getcwd()
         orders = (where, self._config, self._make_env, self._folder)
         self._followers = [self._launcher.start(follow, k, *orders) for k in range(1, workers)]
 
 
 def follow(
-    rank: int, leader: tuple[str, int, bytes], run: RunConfig, make_env: EnvMaker, folder: Path
+    rank: int, leader: tuple[str, int, bytes, str], run: RunConfig, make_env: EnvMaker, folder: Path
 ) -> None:
     """Learn with the leader, at this host and port, until it has gone; ``rank`` is 1 or more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the leader's affair
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     torch.set_num_threads(run.threads)
+    os.chdir(leader[3] if os.path.isdir(leader[3]) else ".")  # of relative paths, where shared
     config, own = share_of(run, rank), RunFolder(folder)
     own.replay, own.coach = own.replay / f"worker{rank}", folder / f"coach{rank}.pt"
     env = learning_world(config, make_env)
     try:
         making = Making(config, env, own, make_env, Console(quiet=True))
         model = find_algorithm(config.algorithm).build(making)
-        peers = Peers(rank, [call(*leader, rank)], model)
+        peers = Peers(rank, [call(*leader[:3], rank)], model)
         model.set_random_seed(config.seed + model.num_timesteps)
         learn_and_tell(model, config, rank, peers.news)
     except PeerLostError:

@@ -129,8 +129,8 @@ class Watch(BaseCallback):
         success, reward, length = (float(part.mean()) for part in parts)
         cpu_s = state.cpu_seconds + time.process_time() - cpu_began
         known_m = None if np.isnan(distance_m) else distance_m
-        now_s = state.seconds + took
-        evaluated = Evaluated(self.steps, now_s, success, reward, length, cpu_s, known_m)
+        state.seconds, state.cpu_seconds = state.seconds + took, cpu_s
+        evaluated = Evaluated(self.steps, state.seconds, success, reward, length, cpu_s, known_m)
         state.evaluations += (evaluated,)
         if state.best is evaluated:
             save_torch(self._folder.best, self.model.policy.state_dict())

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -118,3 +120,11 @@ def test_the_middle_is_kept() -> None:
 def test_what_is_no_picture_is_refused(wrong: np.ndarray) -> None:
     with pytest.raises(ContractError, match=r"expected \(H, W, 3\) uint8 RGB"):
         fit_to_frame(wrong)
+
+
+def test_a_header_of_more_pixels_than_any_camera_has_is_refused(tmp_path: Path) -> None:
+    head = b"IHDR" + struct.pack(">IIBBBBB", 40_000, 40_000, 8, 2, 0, 0, 0)
+    png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + head + struct.pack(">I", zlib.crc32(head))
+    (tmp_path / "huge.png").write_bytes(png + bytes(200))
+    with pytest.raises(ConfigError, match=r"huge\.png"):
+        read_picture(tmp_path / "huge.png")

@@ -4,6 +4,7 @@ import multiprocessing
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numba
@@ -18,6 +19,7 @@ from tests.trainer.toy import ToyVecEnv, build_model, make_toy, toy_config, trai
 from trainer.algorithms.a3c import A3C, A3cConfig, Shared, SharedRmsprop
 from trainer.config import RunConfig
 from trainer.presets import preset
+from trainer.processes import Ended
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, read_state, save_checkpoint
 from trainer.training.peers import PeerLostError
@@ -89,6 +91,32 @@ def test_shared_statistics_keep_their_share_of_the_past() -> None:
     optimiser.step()
     assert optimiser.state_dict()["squares"].tolist() == [0.75 * 4.0 + 0.25 * 4.0]
     assert parameter.item() == pytest.approx(1.0 - 0.5 * 2.0 / 3.0)
+
+
+def test_weights_that_are_frozen_as_those_of_a_backbone_stay_out() -> None:
+    """They have no gradient; ``--backbone`` ended in a traceback at the first update."""
+    frozen = torch.nn.Parameter(torch.ones(3), requires_grad=False)
+    free = torch.nn.Parameter(torch.ones(2))
+    optimiser = SharedRmsprop([frozen, free], 0.1, 0.9, 0.1, 1)
+    free.grad = torch.ones(2)
+    optimiser.step()
+    assert len(optimiser.shared.weights) == 2
+    assert (free < 1.0).all()
+    assert (frozen == 1.0).all()
+
+
+def test_workers_that_have_driven_all_steps_leave_in_peace() -> None:
+    """While the first is in its last rollout; it then ended without metrics and a policy."""
+    model = object.__new__(A3C)
+    ends = {0: None, 1: Ended(0, ""), 2: Ended(1, "")}
+    pipe, _ = multiprocessing.Pipe(duplex=False)
+    model._processes = SimpleNamespace(ended=ends.get)  # type: ignore[assignment]
+    model._cpu_s = [0.0, 0.0]
+    model._workers = [(0, pipe), (1, pipe)]  # type: ignore[list-item]
+    assert model.news() == [([], 0.0)] * 2
+    model._workers = [(0, pipe), (2, pipe)]  # type: ignore[list-item]
+    with pytest.raises(RuntimeError, match="worker 3 left: its error is above"):
+        model.news()
 
 
 def add_one(shared: Shared, number: int) -> None:

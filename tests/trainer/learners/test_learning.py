@@ -183,6 +183,13 @@ def test_a_time_budget_ends_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert metrics.train_seconds < 6.0
 
 
+def test_the_last_evaluation_is_part_of_the_time_of_training(tmp_path: Path) -> None:
+    metrics = train_toy(toy_config("ppo", 600), tmp_path)
+    assert metrics.evaluations[-1].step == metrics.train_steps
+    assert metrics.evaluations[-1].seconds <= metrics.train_seconds
+    assert metrics.evaluations[-1].cpu_seconds <= metrics.cpu_seconds
+
+
 def test_the_record_has_the_whole_reward_and_the_learner_its_share(tmp_path: Path) -> None:
     config = replace(toy_config("dagger", 600), reward_scale=0.25)
     train_toy(config, tmp_path)

@@ -227,8 +227,12 @@ def test_each_process_has_a_coach_of_its_own(
     monkeypatch.setattr(crew, "learning_world", lambda *_: SimpleNamespace(close=lambda: None))
     monkeypatch.setattr("signal.signal", lambda *_: None)
     config = replace(preset("lane", "coached", "debug"), workers=2)
-    crew.follow(1, ("", 0, b""), config, make_env, tmp_path)
-    (own,), leaders = asked, RunFolder(tmp_path)
+    monkeypatch.chdir("/")
+    crew.follow(1, ("", 0, b"", "no folder of this machine"), config, make_env, tmp_path)
+    assert Path.cwd() == Path("/")
+    crew.follow(1, ("", 0, b"", str(tmp_path)), config, make_env, tmp_path)
+    assert Path.cwd() == tmp_path, "relative paths are the leader's"
+    (own, _), leaders = asked, RunFolder(tmp_path)
     assert own.coach != leaders.coach
     assert own.replay != leaders.replay
     assert own.coach.parent == tmp_path, "it outlives its process"

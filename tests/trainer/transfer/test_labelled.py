@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
@@ -68,6 +69,30 @@ def test_a_picture_without_its_label_is_refused(tmp_path: Path) -> None:
         load_pairs(tmp_path / "label", CAMVID, SIZE)
 
 
+@pytest.mark.parametrize("depth", [np.uint16, "palette"])
+def test_labels_that_are_no_eight_bit_grey_are_refused(tmp_path: Path, depth: object) -> None:
+    """16 bits became class 0 throughout, a palette what its colours are in grey."""
+    write_pairs(tmp_path, ["a_0"], 3)
+    label, classes = tmp_path / "label" / "a_0.png", np.full((24, 32), 3, np.uint8)
+    if depth == "palette":
+        picture = Image.fromarray(classes, "P")
+        picture.putpalette([9, 99, 200] * 4)
+        picture.save(label)
+    else:
+        cv2.imwrite(str(label), classes.astype(np.uint16))
+    with pytest.raises(ConfigError, match=r"labels of a_0\.png, 8-bit grey"):
+        load_pairs(tmp_path, CAMVID, SIZE)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_source_that_holds_nothing_out_is_refused_before_anything_is_learned(
+    tmp_path: Path, count: int
+) -> None:
+    write_pairs(tmp_path, [f"a_{k}" for k in range(count)], 3)
+    with pytest.raises(ConfigError, match="frames to learn from and others held out"):
+        load_sources(ParseOptions(Sources((str(tmp_path),)), "camvid", size=SIZE))
+
+
 def square(kind: str, low: float, high: float) -> Shape:
     return Shape(kind, ((low, low), (high, low), (high, high), (low, high)))
 
@@ -101,6 +126,8 @@ def test_annotations_find_their_photographs(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"a\.png"):
         load_drawn(drawn, tmp_path, SIZE)
     write_pairs(tmp_path, ["a", "b"], 0)
+    with pytest.raises(ConfigError, match=r"one photograph named a\.png, found 2"):
+        load_drawn(drawn, tmp_path, SIZE)  # labels have their names, too
     asked = Sources((), str(tmp_path / "drawn.yaml"), str(tmp_path / "image"))
     ((_, training, held_out),) = load_sources(ParseOptions(asked, size=SIZE))
     assert (training.names.tolist(), held_out.names.tolist()) == (["a.png"], ["b.png"])

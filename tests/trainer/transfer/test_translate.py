@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from robot.errors import ConfigError
 from robot.inference.policy import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.presets import preset
@@ -83,6 +84,29 @@ def test_training_without_folders_is_refused(
     assert main(["translate", "train", "--out", str(tmp_path / "new")]) == 2
     assert "expected --sim and --real folders" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
+
+
+def test_a_film_is_no_collection_of_the_simulators(sim: Path, tmp_path: Path) -> None:
+    film = tmp_path / "v.avi"
+    writer = cv2.VideoWriter(str(film), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (160, 120))
+    for level in (0, 90, 200):
+        writer.write(np.full((120, 160, 3), level, np.uint8))
+    writer.release()
+    for folders in ([film], [sim, film]):
+        with pytest.raises(ConfigError, match="folders of duckpilot collect, got a film"):
+            load_paint(load_pictures(folders, FAST), FAST)
+
+
+def test_one_photograph_is_enough_to_judge_by(
+    run: Path, sim: Path, real: Path, tmp_path: Path
+) -> None:
+    picture = next(path for path in sorted(real.rglob("*")) if path.is_file())
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / picture.name).write_bytes(picture.read_bytes())
+    words = ["--model", str(run / "sim_to_real.onnx"), "--json", str(tmp_path / "j.json")]
+    words += ["--sim", str(sim), "--real", str(tmp_path / "one")]
+    assert main(["translate", "judge", *words]) == 0
+    assert json.loads((tmp_path / "j.json").read_text())["colours_apart"] == 0.0
 
 
 def test_lines_are_found_by_brightness_where_they_are_painted(sim: Path) -> None:
