@@ -23,8 +23,7 @@ _LEAST = np.array((0.005, 0.03, 0.3, 0.01))  # standard deviations of maps, pain
 LINE = 0.5
 _LINE_M = (0.1, 0.6)  # from the axle, where red lines are told apart
 _ASKEW_RAD = 0.6  # in a junction, beyond which the lane meant may be another one's
-_STEP = 0.01  # [m, rad] between pictures: who stands sees nothing new
-_NOTHING = 1e6  # standard deviation of what was not seen
+_STEP, _NOTHING = 0.01, 1e6  # [m, rad]: who stands sees nothing new; deviation of the unseen
 
 
 class SightFix:
@@ -42,8 +41,7 @@ class SightFix:
         """
         captured_s = np.full(len(fresh), now_s - USUAL_DELAY_S)
         sure = fresh & seen.in_lane
-        still = np.abs(self.fusion.poses - self._at).max(axis=1) < _STEP
-        self._looks = np.where(still, self._looks, 0.0)
+        self._looks *= np.abs(self.fusion.poses - self._at).max(axis=1) < _STEP
         moved = self._looks < _WIDER
         far = self.fusion.correct(lambda *told: self._lane(seen, sure, *told), captured_s, moved)
         self.took_s = np.where(far < self.fusion.config.gate, now_s, self.took_s)
