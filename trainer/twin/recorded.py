@@ -89,20 +89,20 @@ def read_drive(path: Path) -> Recorded:
             f"{path}: expected {LEAST_S:g} s and more of driving, on a map with poses, got "
             f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
         )
-    turned_s = np.array([t.time_s for t in turns]) - (begin_s := turns[0].time_s)
+    turned_s = np.array([t.time_s for t in turns]) - (at_s := turns[0].time_s)
     grid_s = (np.arange(round(turned_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
     seen = [frames.get(turn.frame) for turn in turns]
     fresh = [t for k, t in enumerate(turns) if seen[k] not in (None, *seen[max(k - 1, 0) : k])]
     images = [fit_to_frame(picture(frames[turn.frame])) for turn in fresh]
-    above, own = (np.reshape(t, (-1, 4)) - (begin_s, 0.0, 0.0, 0.0) for t in (overhead, fused))
+    above, own = (np.reshape(t, (-1, 4)) - (at_s, 0.0, 0.0, 0.0) for t in (overhead, fused))
     step = PHYSICS_DT_S * (most := float(hat.get("acceleration_mps2", DriveLook.acceleration_mps2)))
     last = np.searchsorted(turned_s, grid_s, "right") - 1
     asked = np.array([t.wheels for t in turns])[last]
-    commands = np.array([*accumulate(asked, lambda v, new: np.clip(new, v - step, v + step))])
-    commands[np.diff(turned_s, append=turned_s[-1])[last] > _CUT_S] = np.nan
+    asked[np.diff(turned_s, append=turned_s[-1])[last] > _CUT_S] = np.nan  # no ramp goes over it
+    ramp = accumulate(asked, lambda v, new: 0.0 * new + np.fmin(np.fmax(new, v - step), v + step))
     skipped = 1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns))
     told = np.array(images), above, own, skipped, tuple(fresh), most
-    return Recorded(map_name, commands, np.array([t.time_s - begin_s for t in fresh]), *told)
+    return Recorded(map_name, np.array([*ramp]), np.array([t.time_s - at_s for t in fresh]), *told)
 
 
 def _place(message: dict[str, Any]) -> tuple[float, float, float]:

@@ -243,7 +243,8 @@ setInterval(() => {
     showState(state, lost / 1000);
     if (state && !replay.on) showRobot(state.robot, false, false, lost / 1000);
     // A connection that the network swallowed is not told of its end for a long time.
-    if (Math.min(lost, performance.now() - triedAt) > GIVE_UP_MS && socket.readyState <= WebSocket.OPEN) {
+    const long = Math.min(lost, performance.now() - triedAt) > GIVE_UP_MS;
+    if (long && !document.hidden && socket.readyState <= WebSocket.OPEN) {
       socket.onclose = socket.onmessage = null;
       socket.close();
       connect();
