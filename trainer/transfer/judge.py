@@ -28,16 +28,14 @@ def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path])
     image = translator.contract.image
     simulated, photographs = (load_pictures(paths, image) for paths in (sim, real))
     made, shown, folder = translator(simulated.images), photographs.images, simulated.folder
-    paint = load_paint(simulated, image)
+    paint, others = load_paint(simulated, image), shown[min(1, len(shown) - 1) :: 2]
     return {
         "translator": str(translator.path),
         "pictures": len(simulated.images),
         "photographs": len(shown),
         "colours_before": colour_distance(simulated.images, shown),
         "colours_after": colour_distance(made, shown),
-        "colours_apart": colour_distance(
-            shown[::2], shown[min(1, len(shown) - 1) :: 2]
-        ),  # photographs from each other
+        "colours_apart": colour_distance(shown[::2], others),  # photographs from each other
         "lanes_kept": lanes_kept(simulated.images, folder, paint, made),
     }
 

@@ -131,7 +131,7 @@ def laid(ours: np.ndarray, told: np.ndarray, roots: np.ndarray) -> np.ndarray:
 
 
 def pieces(times_s: np.ndarray, piece_s: float, cut: np.ndarray | float = 0.0) -> list[np.ndarray]:
-    """Indices of the poses of each piece, after one ``cut`` each, but for few."""
+    """Indices of the poses of each piece: none spans a ``cut``, those with few are left out."""
     number = (times_s / piece_s).astype(int) + 1e6 * cut
     found = [np.flatnonzero(number == n) for n in np.unique(number)]
     return [part for part in found if len(part) >= 8]
