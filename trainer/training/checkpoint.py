@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
@@ -78,6 +78,9 @@ def read_state(path: Path, model: BaseAlgorithm | None = None) -> TrainState:
     with loaded(path, "the checkpoint of this run", remedy=REMEDY) as content:
         if model is not None:
             put_back(model, content)
+            replay = getattr(model, "replay_buffer", None)
+            if replay is not None and not replay.size():  # thrown away when the run had ended
+                cast(Any, model).learning_starts += model.num_timesteps
         return from_plain(TrainState, content["state"], where=str(path))
 
 

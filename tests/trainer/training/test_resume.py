@@ -14,7 +14,7 @@ from rich.console import Console
 
 from robot.errors import ConfigError
 from tests.thorough import count
-from tests.trainer.toy import make_toy, toy_config, train_toy
+from tests.trainer.toy import QUICK, make_toy, toy_config, train_toy
 from trainer.run import RunFolder
 from trainer.training import watch
 from trainer.training.train import train
@@ -105,6 +105,24 @@ def test_a_damaged_checkpoint_is_told_with_what_to_do(tmp_path: Path) -> None:
         run.checkpoint.write_bytes(whole[:size])
         with pytest.raises(ConfigError, match=r"checkpoint\.pt: .*damaged.*or delete it"):
             train_toy(replace(config, steps=1200), tmp_path)
+
+
+@pytest.mark.parametrize("algorithm", ["dueling", "dagger"])
+def test_a_finished_run_that_goes_on_fills_its_memory_before_it_learns(
+    algorithm: str, tmp_path: Path
+) -> None:
+    config = toy_config(algorithm, 600)
+    train_toy(config, tmp_path)
+    run = RunFolder(tmp_path)
+
+    def updates() -> int:
+        return int(torch.load(run.checkpoint, weights_only=True)["counters"]["_n_updates"])
+
+    done, warm_up = updates(), QUICK[algorithm]["warm_up"]
+    train_toy(replace(config, steps=600 + warm_up - 8), tmp_path)
+    assert updates() == done > 0
+    train_toy(replace(config, steps=600 + 5 * warm_up), tmp_path)
+    assert updates() > done
 
 
 def test_a_run_that_goes_on_for_longer_says_so(tmp_path: Path) -> None:
