@@ -53,7 +53,8 @@ def run_stage(stage: Stage, console: "Console") -> float:
     if stage.result.exists():
         console.print(f"already done: {stage.result}")
         return 0.0
-    console.print(f"[dim]python -m {' '.join(stage.arguments)}", soft_wrap=True)
+    told = " ".join(stage.arguments).removeprefix("trainer ").removeprefix("tools.")
+    console.print(f"[dim]duckpilot {told}", soft_wrap=True)
     begin = time.monotonic()
     subprocess.run([sys.executable, "-m", *stage.arguments], check=True)
     return time.monotonic() - begin

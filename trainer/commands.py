@@ -90,8 +90,8 @@ def export_command(
         return 0
     if contract is not None or out is not None:
         raise ConfigError(
-            f"{source}: expected --contract and --out for policies from elsewhere only; this is "
-            "no file, and no MODULE:ATTRIBUTE"
+            f"{source}: expected a file or MODULE:ATTRIBUTE, got neither; --contract and --out are "
+            "for policies from elsewhere only"
         )
     from trainer.envs import make_env
     from trainer.export import export_run

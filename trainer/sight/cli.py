@@ -16,7 +16,7 @@ SHIPPED = SHIPPED_MODELS / "sight.onnx"
 class SightRun:
     """``config.yaml`` of a run."""
 
-    files: int = 60  # Of some 4,000 pictures each, to learn from.
+    files: int = 60  # Of some 5,200 pictures each, to learn from.
     steps: int = 24_000  # Of learning.
     batch: int = 128  # Pictures in a step.
     look: tuple[str, ...] = ("randomised", "wide")  # Looks, or folders of them; files take turns.
