@@ -1,6 +1,7 @@
 """``RobotConfig``: everything about one robot, as its YAML file says it."""
 
 import math
+import re
 from dataclasses import dataclass, field
 from typing import Literal, Optional
 
@@ -36,9 +37,9 @@ class CameraConfig:
                 f"camera.fps: expected at most {CSI_FPS} with a CSI camera, got {self.fps}; its "
                 "mode is 1640x1232, and faster ones see only the middle of the picture"
             )
-        if not (self.number >= 0 and 0 <= self.flip <= 7):
+        if not (0 <= self.number <= 999 and 0 <= self.flip <= 7):
             got = f"got number {self.number}, flip {self.flip}"
-            raise ConfigError(f"camera: expected number of 0 or more and flip 0 to 7, {got}")
+            raise ConfigError(f"camera: expected number 0 to 999 and flip 0 to 7, {got}")
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,9 @@ class RobotConfig:
     link: Optional[LinkConfig] = None  # to localizer and monitor; without: the terminal alone
 
     def __post_init__(self) -> None:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}", self.name):  # as messages have it
+            told = f"1 to 32 letters, digits or ._-, got {self.name[:80]!r}"
+            raise ConfigError(f"name: expected {told}")
         if self.safety.max_wheel_mps > self.hat.max_speed_mps:
             raise ConfigError(
                 f"hat.max_speed_mps: expected at least safety.max_wheel_mps "

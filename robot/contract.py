@@ -117,7 +117,7 @@ class InFile:
         what = f"metadata {cls.METADATA_KEY}"
         try:
             plain = json.loads(text)
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:  # ValueError: numbers of 5000 digits, too
             raise ContractError(f"{what}: expected JSON, got: {error}") from error
         schema = plain.get("schema") if isinstance(plain, dict) else None
         if schema != SCHEMA_VERSION:

@@ -94,7 +94,8 @@ def read_yaml(path: Union[str, Path]) -> Any:
     except OSError as error:
         told = f"{path}: expected a readable YAML file, got: {error.strerror}"
         raise ConfigError(told) from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: 2026-99-99
+    # What PyYAML lets pass: 2026-99-99, !!bool x, !!int '', !!timestamp x.
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
         told = " ".join(str(error).split())
         raise ConfigError(f"{path}: expected YAML in UTF-8, got: {told}") from error
 

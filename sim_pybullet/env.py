@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 
 from robot.contract import CONTROL_DT_S, PATH_POINTS, ImageSpec
 from robot.errors import ConfigError
+from robot.typed_config import from_plain
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 from sim_pybullet.tasks.spec import Choices, find_task
 
@@ -270,7 +271,7 @@ def make_vector(
 def make_world(
     task: str,
     robots: int = 1,
-    road_map: str | Sequence[str] = (),
+    road_map: Any = (),
     look: str = "nominal",
     pose_error: str | None = None,
     image: ImageSpec | None = None,
@@ -296,6 +297,7 @@ def make_world(
     that this task has no use for.
     """
     spec = find_task(task)
-    names = [road_map] if isinstance(road_map, str) else road_map or [spec.map]
-    built = spec.build([spec.load(name) for name in names], robots, Choices(**choices))
+    names = (road_map or [spec.map]) if isinstance(road_map, (list, tuple)) else [road_map]
+    chosen = from_plain(Choices, choices, where=task)
+    built = spec.build([spec.load(str(name)) for name in names], robots, chosen)
     return BatchWorld(built, spec.looks(look, pose_error), image, world_seed, pool_size)

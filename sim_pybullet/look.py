@@ -41,7 +41,7 @@ class GroundLook:
     brightness: Strength = 1.0  # multiplies the whole floor
     patchiness: Share = 0.0  # strength of large soft light and dark areas, 0..1
     shadows: Share = 0.0  # how dark the shadows of window bars, furniture and people are, 0..1
-    texture_seed: int = 0
+    texture_seed: Annotated[int, (0, 1e9)] = 0
     # The second shares no code with the first: floors to judge policies on, see `docs/looks.md`.
     painter: Literal["tiles", "strips"] = "tiles"
 

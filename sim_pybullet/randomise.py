@@ -105,8 +105,8 @@ def _without(data: Any, names: Sequence[str]) -> Any:
     for name in names:
         expect_one_of("without", name, look_fields())
         group, _, leaf = name.partition(".")
-        kept = {k: value for k, value in data.get(group, {}).items() if leaf and k != leaf}
-        data = {**data, group: kept}
+        if isinstance(data, dict) and isinstance(data.get(group), dict):  # else it is refused later
+            data = {**data, group: {k: v for k, v in data[group].items() if leaf and k != leaf}}
     return data
 
 
@@ -165,7 +165,7 @@ def _prepared(node: dict[str, Any], where: str) -> _Draw:
     ((name, arguments),) = node.items()
     try:
         return _DRAWS[name](arguments)
-    except (TypeError, ValueError, IndexError, KeyError) as error:
+    except (TypeError, ValueError, LookupError, OverflowError) as error:
         raise ConfigError(f"{where}: cannot draw {name}: {arguments!r}: {error}") from error
 
 
@@ -202,7 +202,7 @@ def _integer(arguments: Any) -> _Draw:
 
 def _grey(arguments: Any) -> _Draw:
     low, high, tint = (float(v) for v in arguments)
-    if high < low or tint < 0.0:
+    if high < low or not 0.0 <= tint <= 255.0:
         raise ValueError("expected [low, high, tint]")
 
     def draw(rng: np.random.Generator) -> np.ndarray:

@@ -7,8 +7,8 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
+from sim_pybullet import env
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.env import action_space, as_space_member, observation_space, step_infos
 
 
 class DuckpilotVecEnv(VecEnv):
@@ -23,20 +23,21 @@ class DuckpilotVecEnv(VecEnv):
         self._actions = np.zeros(world.n_robots, dtype=int)
         self.render_mode = "rgb_array"
         self.device = world.feed.device  # where pictures are tensors
-        seen = observation_space(world.feed.shape, world.task.guided)
-        super().__init__(world.n_robots, seen, action_space(world, continuous))
+        seen = env.observation_space(world.feed.shape, world.task.guided)
+        super().__init__(world.n_robots, seen, env.action_space(world, continuous))
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what the expert would do now, who knows the true poses."""
         return self.world.expert_actions()
 
     def reset(self) -> Any:
-        """Begin an episode of every robot; the first seed given to ``seed`` sets them all."""
+        """Begin an episode of every robot; the first seed and the first options count for all."""
+        poses = env.start_poses(self._options[0], self.num_envs)
         if self._seeds[0] is not None:
             self.world.seed(self._seeds[0])
         self._reset_seeds()
         self._reset_options()
-        return as_space_member(self.world.reset())
+        return env.as_space_member(self.world.reset(poses))
 
     def step_async(self, actions: np.ndarray) -> None:
         """Take note of the actions (N,)."""
@@ -45,13 +46,13 @@ class DuckpilotVecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Carry them out for 0.1 s."""
         step = self.world.step(self._actions)
-        infos = step_infos(self.world, step)
+        infos = env.step_infos(self.world, step)
         for info, truncated in zip(infos, step.task.truncated.tolist(), strict=True):
             info["TimeLimit.truncated"] = truncated
         for k, i in enumerate(step.finished.robots):
-            infos[i]["terminal_observation"] = as_space_member(step.finished.observation, k)
+            infos[i]["terminal_observation"] = env.as_space_member(step.finished.observation, k)
         done = step.task.terminated | step.task.truncated
-        return as_space_member(step.observation), step.reward.astype(np.float32), done, infos
+        return env.as_space_member(step.observation), step.reward.astype(np.float32), done, infos
 
     def close(self) -> None:
         """Free the world."""

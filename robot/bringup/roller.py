@@ -1,6 +1,7 @@
 """Rolling by counted steps, and the person beside the robot who watches it and answers."""
 
 import math
+import sys
 from contextlib import suppress
 from typing import Tuple
 
@@ -20,6 +21,9 @@ CREEP_SHARE = 0.5  # of the start-stop speed: the last steps
 
 class Prompts:
     """The person beside the robot, asked until an answer is one; ConfigError: the input ended."""
+
+    def __init__(self) -> None:
+        getattr(sys.stdin, "reconfigure", dict)(errors="replace")  # a wrong byte is no answer
 
     def tell(self, line: str) -> None:
         """Show a line."""
@@ -45,7 +49,7 @@ class Prompts:
     def _answer(self, prompt: str) -> str:
         try:
             return input(prompt).strip()
-        except EOFError as error:
+        except (EOFError, RuntimeError) as error:  # RuntimeError: closed from the beginning
             raise ConfigError("expected a person who answers, got the end of the input") from error
 
 

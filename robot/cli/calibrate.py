@@ -21,7 +21,7 @@ from robot.computer.systemd import on_ending
 from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
 from robot.hat.thread import real_motors
-from robot.output import write_bytes, write_text
+from robot.output import expect_writable, write_bytes, write_text
 from robot.typed_config import from_plain, load_yaml, read_yaml, to_plain
 
 NEAR_EDGE_M = 0.18
@@ -56,6 +56,7 @@ def run(options: argparse.Namespace) -> None:
         return
     on_ending()
     config = load_yaml(RobotConfig, options.config)
+    expect_writable(options.config)  # before the work
     person = Prompts()
     if options.what == "camera":
         values = measure_camera(config, options.image, options.ahead_m, person)

@@ -167,7 +167,7 @@ def _camera(machine: Machine, config: CameraConfig) -> Finding:
     """Whether pictures come, fast enough, and ever new ones."""
     try:
         look = machine.watch(config, WATCH_S)
-    except HardwareError as error:
+    except (HardwareError, DuckpilotError) as error:
         return _refused("camera", error, "check plug and ribbon; CSI: restart nvargus-daemon")
     needed_hz = 1.0 / CONTROL_DT_S
     slow = look.rate_hz < needed_hz
@@ -213,6 +213,8 @@ def check_policy(config: RobotConfig) -> Finding:
         return _refused("policy", error, "set `model` to a policy of duckpilot export")
     contract = policy.contract
     lost = contract.path_points > 0 and not config.map
+    rules, keeps = config.rules, contract.path_points == 0
+    blind = rules.headway and keeps and not config.sight
     slow = f", of {1e3 * CONTROL_DT_S:.0f} ms between two decisions"
     is_slow = timing.p50_ms > 1e3 * CONTROL_DT_S * SHARE
     proof = f"; {contract.proof.sentence}" if contract.proof else ""
@@ -221,6 +223,8 @@ def check_policy(config: RobotConfig) -> Finding:
         f"{contract.task}, {contract.algorithm}, decides in {timing.p50_ms:.1f} ms{proof}",
         (bool(contract.unproven), FAIL, f"; {contract.unproven}", "the robot does not arm with it"),
         (lost, FAIL, "; it navigates, but no map is set", "set `map` and a `link`"),
+        (rules.stop_lines and keeps, FAIL, "; it knows no stop lines", "leave stop_lines out"),
+        (blind, FAIL, "; nothing tells it what is ahead", "set `sight`, or no rules.headway"),
         (is_slow, FAIL, slow, "use the INT8 file or a smaller policy"),
     )
 

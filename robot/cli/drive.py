@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> None:
     ended: List[bool] = []
     on_ending(lambda *_: ended.append(True))
     getattr(sys.stdin, "reconfigure", dict)(errors="replace")  # else a wrong byte deafens it
-    terminal = Terminal(sys.stdin, _say)
+    terminal = Terminal(sys.stdin or (), _say)
     notify = notify_socket()
     pads = (Gamepad(options.gamepad),) if options.gamepad else ()
     with open_robot(config, (terminal, *pads), (terminal, Heartbeat(notify))) as runtime:

@@ -55,10 +55,12 @@ def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
     try:
         hat = read_yaml(path).get("hat") or {}
         bus = hat.get("socket") or int(hat.get("bus", USUAL_BUSES[0]))
+        if not isinstance(hat.get("socket") or "", str):
+            raise ValueError(f"socket {bus}, where the path of one is expected")
         addresses = [int(str(address), 0) for address in hat.get("addresses", USUAL_ADDRESSES)]
         if not all(0x40 <= address <= 0x77 for address in addresses):
             raise ValueError(f"addresses {addresses}, where 0x40 to 0x77 are a HAT's")
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
         told = " ".join(str(error).split())
         raise ConfigError(f"{path}: expected a robot's YAML with its hat, got: {told}") from error
     return bus, addresses

@@ -45,7 +45,7 @@ def open_network(path: File, remedy: str) -> Any:
 
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 3  # its errors come as exceptions; its warnings are not for users
+    options.log_severity_level = 4  # its errors come as exceptions; its warnings are not for users
     # onnxruntime's exceptions share no base class of its own; it quotes damaged names as they are.
     damaged = (state.Fail, state.InvalidGraph, state.InvalidProtobuf, state.InvalidArgument)
     unsupported = (state.NotImplemented, state.RuntimeException)
@@ -55,7 +55,7 @@ def open_network(path: File, remedy: str) -> Any:
         )
     except OSError as error:
         told = error.strerror
-    except (*damaged, *unsupported, UnicodeDecodeError) as error:
+    except (*damaged, *unsupported, ValueError) as error:  # also of a name that no file can have
         told = f"a file that onnxruntime {ort.__version__} does not load ({str(error).strip()})"
     raise ContractError(f"{path}: expected an ONNX policy, got: {told}; {remedy}")
 
@@ -101,7 +101,11 @@ class Network(Generic[T]):
                 "preprocess(frame, contract.image)"
             )
         feeds = {"image": np.ascontiguousarray(pictures), **others}
-        return np.asarray(self._session.run([self._output], feeds)[0])
+        try:
+            return np.asarray(self._session.run([self._output], feeds)[0])
+        except Exception as error:  # of onnxruntime's, which share no base class
+            told = f"expected an answer, got: {str(error).strip()}; {self._remedy}"
+            raise ContractError(f"{self.path}: {told}") from error
 
 
 def _told(tensors: Iterable[Tensor]) -> str:

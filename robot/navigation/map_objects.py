@@ -116,8 +116,8 @@ def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
         height_m = number(entry["height"], f"{where}: height")
     else:
         height_m = kinds()[kind].height_m * number(entry.get("scale", 1.0), f"{where}: scale")
-    if height_m < 0.0 or (height_m == 0.0 and kind != "floor_tag"):
-        raise MapError(f"{where}: expected a height above 0 m, got {height_m}")
+    if not 0.0 <= height_m <= 10.0 or (height_m == 0.0 and kind != "floor_tag"):
+        raise MapError(f"{where}: expected a height above 0 m, at most 10 m, got {height_m}")
     flags = [entry.get("static", True), entry.get("optional", False)]
     if not all(isinstance(flag, bool) for flag in flags):
         raise MapError(f"{where}: static, optional: expected true or false, got {flags}")
@@ -195,11 +195,11 @@ class Blocked(NamedTuple):
     lanes: FrozenSet[int]  # indices into the map's lanes
 
 
-def blocked(road_map: RoadMap) -> Blocked:
-    """What its objects that stand there in every episode leave no room beside, or forbid."""
+def blocked(road_map: RoadMap, every: bool = False) -> Blocked:
+    """What its objects that stand there in every episode, or all, leave no room for, or forbid."""
     points: List[Tuple[float, float]] = []
     lanes: Set[int] = set()
-    things = [o for o in objects_of(road_map) if o.static and not o.optional]
+    things = [o for o in objects_of(road_map) if every or (o.static and not o.optional)]
     for thing in things if road_map.lanes else []:
         if thing.kind in _FORBIDDEN:
             lanes.update(_forbidden(thing, road_map))

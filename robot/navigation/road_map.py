@@ -286,8 +286,8 @@ def read_map(data: Any, name: str) -> RoadMap:
     if "tile_size" not in data:
         raise MapError(f"{name}: tile_size is missing; add its edge in metres, as tile_size: 0.585")
     tile_size_m = number(data["tile_size"], f"{name}: tile_size")
-    if tile_size_m <= 0.0:
-        raise MapError(f"{name}: tile_size: expected a length above 0 m, got {tile_size_m}")
+    if not 0.0 < tile_size_m <= 5.0:
+        raise MapError(f"{name}: tile_size: expected above 0 m, at most 5 m, got {tile_size_m}")
     rows = data.get("tiles")
     if not isinstance(rows, list) or not rows:
         raise MapError(f"{name}: tiles: expected a list of rows of tiles, got {rows!r}")

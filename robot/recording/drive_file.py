@@ -205,7 +205,9 @@ def picture(data: bytes) -> np.ndarray:
     """The RGB picture (H, W, 3) uint8 in PNG or JPEG bytes; ValueError for others."""
     import cv2
 
-    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    found = None
+    with suppress(cv2.error):  # of more pixels than it takes
+        found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     if found is None:
         raise ValueError(f"expected a PNG or JPEG picture, got {len(data)} other bytes")
     return np.ascontiguousarray(found[..., ::-1])

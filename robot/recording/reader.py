@@ -276,12 +276,25 @@ def read_samples(path: PathLike) -> Iterator[Sample]:
         own = own or entry.topic == topics.TURN.name
         if own != (entry.topic == topics.TURN.name) or frame is None:
             continue
-        told: Any = entry.message()
-        driver, wheels = DRIVERS.get(told.get("state")), told.get("wheels")
-        late = entry.time_s - frame.time_s > LATE_S
-        if driver and wheels and not late and kept(pieces, entry.topic, entry.time_s):
-            image = topics.image_bytes(frame.message())
-            yield Sample(entry.time_s, image, WheelSpeeds(*map(float, wheels)), driver)
+        try:
+            sample = _sample(entry, frame)
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            told = f"expected a turn and its picture, got: {error!r}"
+            raise ContractError(f"{path}: {told}") from error
+        if sample is not None and kept(pieces, entry.topic, entry.time_s):
+            yield sample
+
+
+def _sample(entry: Entry, frame: Entry) -> Optional[Sample]:
+    told: Any = entry.message()
+    driver, wheels = DRIVERS.get(told.get("state")), told.get("wheels")
+    if not driver or not wheels or entry.time_s - frame.time_s > LATE_S:
+        return None
+    left_mps, right_mps = map(float, wheels)
+    if not math.isfinite(left_mps + right_mps):
+        raise ValueError(f"wheels {wheels}")
+    image = topics.image_bytes(frame.message())
+    return Sample(entry.time_s, image, WheelSpeeds(left_mps, right_mps), driver)
 
 
 def runs(samples: Sequence[Sample]) -> List[List[Sample]]:

@@ -57,7 +57,7 @@ class Track:
     verge_m: float = 4.0  # of the grass on either side, up to the wall
 
     def __post_init__(self) -> None:
-        sizes = [s.straight_m + s.radius_m for s in self.segments]
+        sizes = [min(s.straight_m + s.radius_m, s.length_m) for s in self.segments]
         sizes += [-1.0 for s in self.segments if s.straight_m and s.radius_m]
         if not sizes or min(sizes) <= 0.0 or self.width_m <= 0.0 or self.verge_m <= 0.0:
             raise MapError(
@@ -89,8 +89,9 @@ def shipped_tracks() -> dict[str, FilePath]:
 
 def is_track(source: str | FilePath) -> bool:
     """Whether this names a track, not a map; what does not exist is none."""
-    path = FilePath(source)
-    return "segments" in read_yaml(path) if path.exists() else str(source) in shipped_tracks()
+    if (path := FilePath(source)).exists():
+        return isinstance(found := read_yaml(path), dict) and "segments" in found
+    return str(source) in shipped_tracks()
 
 
 def load_track(source: str | FilePath) -> Track:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S, FIVE_ACTIONS, Action, ActionTable
+from robot.errors import MapError
 from robot.geometry import Pose
 from robot.navigation.map_objects import blocked
 from robot.navigation.path import Path
@@ -50,7 +51,7 @@ class Following(Task):
         start_spread: float,
     ) -> None:
         self._ways = ways
-        self._blocked_m = [blocked(road_map).points_m for road_map in road_maps]
+        self._blocked_m = [blocked(road_map, every=True).points_m for road_map in road_maps]
         half_lanes_m = HALF_LANE_TILES * np.array([m.tile_size_m for m in road_maps])
         vehicle = WheeledRobots(n_robots, self.actions)
         super().__init__(road_maps, vehicle, n_robots, half_lanes_m, ways[0][0], start_spread)
@@ -58,14 +59,17 @@ class Following(Task):
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:
         ways = self._ways[road_map]
         way = ways[int(rng.integers(len(ways))) if turn is None else turn % len(ways)]
-        while True:
+        for _ in range(1000):
             arc_m = rng.uniform(0.0, way.length_m)
             away_m = self._blocked_m[road_map] - way.pose_at(arc_m)[:2]
             if (np.hypot(*away_m.T) > _CLEAR_M).all():
                 return way, arc_m
+        raise MapError(f"{self.road_maps[road_map].name}: expected room to begin, found none")
 
     def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
-        return min(self._ways[0], key=lambda way: abs(way.project(pose.x_m, pose.y_m).offset_m))
+        on = [way.project(pose.x_m, pose.y_m) for way in self._ways[0]]  # they cross in junctions
+        away = [abs(at.offset_m) - 0.4 * np.cos(pose.heading_rad - at.heading_rad) for at in on]
+        return self._ways[0][int(np.argmin(away))]
 
     def _followed(
         self, facts: np.ndarray, failed: np.ndarray, arrived: np.ndarray, laps: float = 1.0

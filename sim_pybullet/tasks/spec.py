@@ -63,7 +63,7 @@ class TaskStep(NamedTuple):
 
 def expect_any(task: str, maps: Sequence[object], robots: int, laps: float = 1.0) -> None:
     """ConfigError without maps, robots or laps."""
-    if not maps or robots < 1 or laps <= 0.0:
+    if not maps or robots < 1 or not laps > 0.0:
         raise ConfigError(
             f"{task}: expected at least one map, one robot and laps above 0, got "
             f"{len(maps)} maps, {robots} robots, {laps} laps"
@@ -227,7 +227,7 @@ class Choices:
     style: str | None = None  # of driving
     laps: float | None = None  # of an episode
     start_spread: float = 1.0  # above 1 in practice: begin farther off, in shorter episodes
-    scenario: str | None = None  # of road users: a file or a shipped name
+    scenario: Any = None  # of road users: a file or a shipped name
 
 
 @dataclass(frozen=True)
@@ -285,6 +285,8 @@ class TaskSpec:
             value = getattr(chosen, name)
             if value is not None and not of_use:
                 raise ConfigError(f"{name}: expected none for the task {self.name}, got {value!r}")
+            if value is not None and isinstance(of_use, tuple):
+                expect_one_of(name, value, of_use)
         if self.make is None:
             return self.kind(places, robots, start_spread=chosen.start_spread)  # type: ignore[call-arg, arg-type]
         return self.make(places, robots, chosen)

@@ -47,7 +47,7 @@ class Drivers:
             self._paths.replace(group * count + car, path)
             self.arc_m[group, car] = arc_m
         self._cruise_mps[group] = rng.uniform(*how.npc_speed_mps, count)
-        self.headways_s[group] = rng.uniform(*how.npc_headway_s, count)
+        self.headways_s[group] = np.maximum(rng.uniform(*how.npc_headway_s, count), CONTROL_DT_S)
         self.obeying[group] = rng.random(count) < how.npc_obeying
         self._weave_rad[group] = rng.uniform(-np.pi, np.pi, count)
         every_s = 60.0 / max(how.npc_mistakes_per_min, 1e-9)

@@ -216,3 +216,16 @@ def test_the_command_shows_itself_dry(capsys: pytest.CaptureFixture[str]) -> Non
     shown = capsys.readouterr().out
     assert shown.endswith("nothing was done\n")
     assert f"systemctl enable {UNIT}" in shown
+
+
+@pytest.mark.parametrize("path", ["/opt/duckpilot/lane.onnx", "/etc/duckpilot/robot.yaml"])
+def test_what_a_full_disk_cut_off_is_written_again(computer: Computer, path: str) -> None:
+    assert computer.install() == 0
+    whole = computer.file(path).read_bytes()
+    computer.file(path).unlink()
+    half = f'case "$last" in *{Path(path).name}*) echo half > "$last"; exit 1;; esac'
+    computer._program("cp", f'for last; do :; done; {half}; exec {shutil.which("cp")} "$@"')
+    assert computer.install() != 0
+    (computer._programs / "cp").unlink()
+    assert computer.install() == 0
+    assert computer.file(path).read_bytes() == whole

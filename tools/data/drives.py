@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 
 from robot.contract import Stick
-from robot.errors import ConfigError
+from robot.errors import ConfigError, ContractError
+from robot.output import atomically
 from robot.recording import reader, topics
 from robot.recording.drive_file import SUFFIX, DriveFile, picture
 from robot.recording.topics import Driven, Turn
@@ -90,7 +91,9 @@ def plot(drives: Sequence[Path], out: Path) -> None:
             axes.axvspan(piece.from_s - began_s, piece.to_s - began_s, color=tint, alpha=0.2)
         axes.set(title=path.stem, ylim=(-1.3, 1.3), ylabel="left 1, speed 1")
     rows[-1].set_xlabel("s; line: steering, dots: speed; blue: policy, orange: person")
-    figure.savefig(str(out), format="png")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with atomically(out) as hidden:
+        figure.savefig(str(hidden), format="png")
 
 
 def write_drive(folder: Path, name: str, robot: str, samples: Iterable[reader.Sample]) -> Path:
@@ -181,7 +184,7 @@ def from_tub(tub: Path, out: Path) -> list[Path]:
 def _record(folder: Path, index: int, session: str, sample: reader.Sample) -> dict[str, Any]:
     steer, speed = Stick.of(sample.wheels)
     name = f"{index}_cam_image_array_.jpg"
-    (folder / "images" / name).write_bytes(_jpeg(sample.picture))
+    (folder / "images" / name).write_bytes(_jpeg(sample))
     return {
         "_index": index,
         "_session_id": session,
@@ -193,12 +196,21 @@ def _record(folder: Path, index: int, session: str, sample: reader.Sample) -> di
     }
 
 
-def _jpeg(data: bytes) -> bytes:
-    """A picture as JPEG; one that is, as it is."""
-    if data.startswith(b"\xff\xd8"):
-        return data
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    return bytes(cv2.imencode(".jpg", picture(data)[..., ::-1], quality)[1])
+def seen(sample: reader.Sample) -> np.ndarray:
+    """The picture of a turn; ContractError: it is none."""
+    try:
+        return picture(sample.picture)
+    except ValueError as error:
+        at = f"{datetime.fromtimestamp(sample.time_s):%Y-%m-%d %H:%M:%S}"
+        raise ContractError(f"recording: turn of {at}: {error}") from error
+
+
+def _jpeg(sample: reader.Sample) -> bytes:
+    """Its picture as JPEG; one that is, as it is."""
+    image, quality = seen(sample), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    if sample.picture.startswith(b"\xff\xd8"):
+        return sample.picture
+    return bytes(cv2.imencode(".jpg", image[..., ::-1], quality)[1])
 
 
 def _write_catalog(folder: Path, records: list[Any], at: int, created_at: float) -> str:

@@ -6,6 +6,7 @@ episodes lie in one file of data and one video. Actions are wheel speeds (left, 
 
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from itertools import islice, product
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,9 @@ import numpy as np
 
 from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
-from robot.recording.drive_file import picture, png
+from robot.recording.drive_file import png
 from robot.recording.reader import Sample, read_samples, runs
-from tools.data.drives import write_drive
+from tools.data.drives import seen, write_drive
 from trainer.mp4 import Mp4
 from trainer.run import appearing
 
@@ -28,6 +29,7 @@ QUALITY = 9.5  # of 10
 KEYS_EVERY = 5  # pictures: a training jumps about in the video
 WHEELS = ["left_mps", "right_mps"]
 BROKEN = FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError
+BROKEN += (RecursionError,)
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -41,7 +43,7 @@ def to_dataset(drives: Sequence[Path], dataset: Path, task: str) -> int:
     episodes = [run for path in drives for run in runs(list(read_samples(path)))]
     if not episodes:
         raise ConfigError(f"{drives[0]}: expected a drive with pictures, got none")
-    fps, shape = _rate(episodes), picture(episodes[0][0].picture).shape
+    fps, shape = _rate(episodes), seen(episodes[0][0]).shape
     columns = _columns(episodes, fps)
     with appearing(dataset) as folder:
         for place in (DATA, EPISODES, FILM):
@@ -171,15 +173,15 @@ def _write_video(
     path: Path, episodes: Sequence[Sequence[Sample]], fps: int, shape: tuple[int, ...]
 ) -> dict[str, list[float]]:
     """Every picture in one video; the statistics of its colours in [0, 1]."""
-    film = Mp4(path, fps, QUALITY, ("-g", str(KEYS_EVERY)))
     levels = []
-    for sample in (sample for run in episodes for sample in run):
-        frame = picture(sample.picture)
-        if frame.shape != shape:
-            raise ConfigError(f"expected pictures of one size, got {frame.shape} beside {shape}")
-        film.add(frame)
-        levels.append(frame[::8, ::8].reshape(-1, 3))
-    film.close()
+    with closing(Mp4(path, fps, QUALITY, ("-g", str(KEYS_EVERY)))) as film:  # also after an error
+        for sample in (sample for run in episodes for sample in run):
+            frame = seen(sample)
+            if frame.shape != shape:
+                told = f"expected pictures of one size, got {frame.shape} beside {shape}"
+                raise ConfigError(told)
+            film.add(frame)
+            levels.append(frame[::8, ::8].reshape(-1, 3))
     return _stats(np.concatenate(levels) / 255.0)
 
 
@@ -215,7 +217,10 @@ def _frames(film: Path, from_s: float, count: int) -> Iterator[np.ndarray]:
     import imageio_ffmpeg
 
     raw = imageio_ffmpeg.read_frames(str(film), input_params=["-ss", f"{max(0.0, from_s):.6f}"])
-    width, height = next(raw)["size"]
+    try:
+        width, height = next(raw)["size"]
+    except OSError as error:  # with ffmpeg's many words
+        raise ValueError(f"{film.name} that cannot be played") from error
     for data in islice(raw, count):
         yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
 

@@ -13,6 +13,7 @@ from robot.errors import ConfigError, expect_one_of
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_writable, write_json
 from robot.typed_config import from_plain, read_json, to_plain
+from robot.vision.sight import OnnxSight
 from tools.faults import machines, senses, strangers, traffic
 from tools.faults.case import FAMILIES, TABLE, Case, Outcome, case_of
 from tools.faults.cli import FaultsOptions
@@ -49,9 +50,11 @@ def chosen(options: FaultsOptions) -> list[Case]:
 
 def meet(options: FaultsOptions) -> int:
     """Meet the faults asked for; 0 when the robot did right in all, 1 otherwise."""
-    expect_writable(options.json, options.report, inputs=[options.model])
+    expect_writable(options.json, options.report, inputs=[options.model, options.sight])
     cases = chosen(options)
     expect_navigator(options.model)
+    if options.sight:
+        OnnxSight(options.sight)
     outcomes = _done(options.json)
     cv2.setNumThreads(1)
     _play(cases, outcomes, options)

@@ -174,3 +174,31 @@ def test_a_wrong_path_is_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(ContractError, match=r"expected \(1, 10\) float32 in \[-1, 1\]"):
             drive.values(plain(RED), wrong)
+
+
+def test_a_network_that_loads_but_fails_when_it_is_asked_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    onnx = pytest.importorskip("onnx")
+    model = onnx.load_from_string(build_network())
+    model.graph.node[-1].output[0] = "sum"
+    model.graph.initializer.append(onnx.numpy_helper.from_array(np.array([0, 1, 2, 3, 9]), "ix"))
+    model.graph.node.append(onnx.helper.make_node("Gather", ["sum", "ix"], ["values"], axis=1))
+    told = {PolicyContract.METADATA_KEY: lane_contract(image=SMALL).to_json()}
+    path = write_network(tmp_path / "m.onnx", model.SerializeToString(), told)
+    with pytest.raises(ContractError, match="expected an answer, got"):
+        OnnxPolicy(path)
+    assert capfd.readouterr().err == "", "onnxruntime itself says nothing beside"
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"schema": ' + "9" * 5000 + "}"])
+def test_metadata_that_json_cannot_hold_is_refused(tmp_path: Path, text: str) -> None:
+    network = (FIXTURES / "lane.onnx").read_bytes()
+    path = write_network(tmp_path / "m.onnx", network, {PolicyContract.METADATA_KEY: text})
+    with pytest.raises(ContractError, match="expected"):
+        OnnxPolicy(path)
+
+
+def test_a_name_that_no_file_can_have_is_refused() -> None:
+    with pytest.raises(ContractError, match="expected an ONNX policy"):
+        OnnxPolicy("a\0b.onnx")
