@@ -40,7 +40,6 @@ def write_text(path: Path, text: str) -> None:
 def write_bytes(path: Path, data: bytes) -> None:
     """Write beside, then rename: a reader never sees half a file; ConfigError without a place."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with atomically(path) as temporary:
             temporary.write_bytes(data)
     except OSError as error:
@@ -58,6 +57,7 @@ def atomically(path: Path) -> Iterator[Path]:
         yield path
         return
     target = Path(os.path.realpath(path))
+    target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.name[:200]}.{os.getpid()}.tmp")
     try:
         yield temporary

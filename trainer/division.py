@@ -91,6 +91,13 @@ def refuse_judging_maps(places: Sequence[Place], use: str = "train") -> None:
             )
 
 
+def refuse_like_named(places: Sequence[Place]) -> None:
+    """ConfigError if maps that differ have one name, by which drives on them are told apart."""
+    last = {place.name: place for place in places}
+    if like := [place.name for place in places if last[place.name] != place]:
+        raise ConfigError(f"map: expected maps of different names, got two {like[0]}; rename one")
+
+
 def refuse_judging_look(look: str, use: str = "train") -> None:
     """ConfigError if this look is kept for judging, or there is none of that name.
 

@@ -128,7 +128,10 @@ class RunFolder:
             return []
         with self.progress.open(newline="", encoding="utf-8") as file:
             rows = [row for row in [*csv.reader(file)][1:] if len(row) == len(_READ)]
-        return [Episode(*(read(v) for read, v in zip(_READ, row, strict=True))) for row in rows]
+        try:
+            return [Episode(*(read(v) for read, v in zip(_READ, row, strict=True))) for row in rows]
+        except ValueError as error:
+            raise ConfigError(f"{self.progress}: expected numbers, got: {error}") from error
 
 
 class EpisodeLog:

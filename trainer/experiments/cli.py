@@ -95,11 +95,13 @@ def six_models_command(
         out: folder for the runs, six_models.json, six_models.md and six_models.png (learning).
     """
     from robot.inference.policy import OnnxTranslator
-    from trainer.experiments.six_models import drives, kinds, report, trainings
+    from trainer.experiments.six_models import drives, kinds, report, trainings, trials
 
     console = Console(soft_wrap=True)
     if options.translator:
         OnnxTranslator(options.translator)  # refused before anything is written
+    for trial in trials(options).values():
+        replace(trial, model="model.onnx").check()  # likewise
     for seed in range(options.seeds):
         among = [kind[seed] for kind in kinds(options)]
         for jobs in (trainings(out, options, among), drives(out, options, among)):
@@ -127,6 +129,8 @@ def figure5_command(
     from trainer.experiments.figure5 import as_table, draw_figure, gather, trainings, translator
 
     console = Console(soft_wrap=True)
+    for job in trainings(out, options, out / "translator" / "sim_to_real.onnx"):
+        job.finished()  # refused before anything is gathered
     jobs = trainings(out, options, translator(out, options, console))
     if status := run_sweep(jobs, workers, console):
         return status

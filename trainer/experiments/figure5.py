@@ -9,12 +9,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table as RichTable
 
+from robot.errors import ConfigError
+from robot.typed_config import load_yaml
 from trainer.experiments.cli import Figure5Options
 from trainer.options import TrainOptions
 from trainer.report.curves import half_interval, save_figure
@@ -40,14 +43,16 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     from trainer.transfer.pictures import collect
     from trainer.transfer.pix2pix import translate_through
 
-    path = out / "translator"
-    if (path / "sim_to_real.onnx").exists():
-        return path / "sim_to_real.onnx"
+    path, made = out / "translator", out / "translator" / "sim_to_real.onnx"
     frames = ("frames", options.map, options.look)
     for name, place, look in (frames, ("test_frames", options.test_map, options.test_look)):
-        if not (out / name).exists():
+        source = Source((place,), options.frames, look)
+        if (out / name).exists():
+            found = load_yaml(Source, out / name / "collection.yaml")
+            _expect_same(out / name, vars(found), vars(source))
+        elif not made.exists():
             console.print(f"{out / name}: {options.frames} frames of {place} in {look}")
-            collect(out / name, Source((place,), options.frames, look))
+            collect(out / name, source)
     wanted = ThroughOptions(
         sim=str(out / "frames"),
         real=str(out / "test_frames"),
@@ -57,7 +62,17 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
         labels="track",
     )
     run = take_up(ThroughOptions, path, resume=True, fresh=lambda: wanted)
-    return translate_through(path, run, console)
+    places = {"sim": run.sim, "real": run.real}  # the folder may be called otherwise now
+    _expect_same(path, vars(run), {**vars(wanted), **places})
+    return made if made.exists() else translate_through(path, run, console)
+
+
+def _expect_same(folder: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
+    if other := [name for name, value in found.items() if value != wanted[name]]:
+        raise ConfigError(
+            f"{folder}: expected what is asked for, got another {', '.join(other)}; ask as it was "
+            "made, or choose another --out"
+        )
 
 
 def trainings(out: Path, options: Figure5Options, translator: Path) -> list[TrainJob]:

@@ -94,7 +94,7 @@ def load_drive(folder: Path) -> Drive:
 
 
 def _labels_csv(path: Path) -> Iterator[_Row]:
-    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         for line, row in enumerate(csv.DictReader(file), start=2):
             if not row.get("file") or row.get("angle") is None:
                 raise ConfigError(f"{path}:{line}: expected the columns file and angle, got {row}")
@@ -123,8 +123,9 @@ def tub_records(manifest: Path) -> Iterator[tuple[dict[str, Any], str]]:
     """
     lines = [line for line in _lines(manifest) if line.strip("\0 ")]
     last = (_record(lines[-1]) if lines else None) or {}
-    deleted = last.get("deleted_indexes") or ()
-    for name in last.get("paths") or ():  # more may lie there: given up, or macOS's ._ files
+    found = (last.get(key) for key in ("deleted_indexes", "paths"))
+    deleted, paths = (each if isinstance(each, list) else [] for each in found)
+    for name in paths:  # more may lie there: given up, or macOS's ._ files
         catalog = manifest.with_name(Path(str(name)).name)
         for number, line in enumerate(_lines(catalog), start=1):
             record = _record(line) or {}

@@ -3,6 +3,7 @@
 The supervised network is of the policy's architecture, taught with what the person did.
 """
 
+import hashlib
 import re
 from dataclasses import dataclass
 from functools import partial
@@ -130,9 +131,10 @@ def foretell(out: Path, options: Table1Options, console: Console) -> Table:
     out.mkdir(parents=True, exist_ok=True)
     for kind, see in kinds.values():
         part, rest = halves(see)
+        known = hashlib.sha256(b"".join(each.tobytes() for each in (*part[:3], np.array(every))))
         for seed in range(options.seeds):
             stem = re.sub(r"[^A-Za-z0-9]+", "_", kind)
-            kept = out / f"{stem}_{seed}_{options.steps}.pt"
+            kept = out / f"{stem}_{seed}_{options.steps}_{known.hexdigest()[:8]}.pt"
             network = teach_turns(part, options.steps, seed, kept, console)
             logits = through(network, rest.stacked(), size=_AT_ONCE)
             rows.append(compare(kind, seed, rest.turns, logits.argmax(1)))

@@ -53,7 +53,7 @@ def judge_command(
     from robot.output import write_json
     from sim_pybullet.randomise import load_look_sampler
     from sim_pybullet.traffic.scenario import load_scenario
-    from trainer.division import maps_named
+    from trainer.division import maps_named, refuse_like_named
     from trainer.judging.blocks import drive_blocks, kept_beside
     from trainer.judging.challenge import Contest
     from trainer.judging.olympics import Episode, LaneFigures, Verdict, tell, write_worst
@@ -67,6 +67,7 @@ def judge_command(
         contest.driver()
     road_maps, console = [load_map(name) for name in maps], Console(soft_wrap=True)
     load_look_sampler(options.look)
+    refuse_like_named(road_maps)
     verdicts, worst = [], []
     with kept_beside(json or (out and out / "judge.html"), console) as folder:
         for contest in contests:

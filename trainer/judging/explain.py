@@ -78,7 +78,7 @@ class Explainer:
         return whole / max(float(whole.max()), np.finfo(np.float32).tiny)
 
     def _run(self, names: list[str], images: np.ndarray) -> list[np.ndarray]:
-        feeds = {"image": images}
+        feeds = {"image": np.tile(images, self.contract.frames)}  # as if nothing had moved
         if self.contract.path_points:
             feeds["path"] = np.zeros((len(images), self.contract.path_points), np.float32)
         return [np.asarray(output) for output in self._session.run(names, feeds)]

@@ -15,7 +15,7 @@ from robot.vision.sight import OnnxSight
 from sim_pybullet.batch import DriveMetrics
 from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.spec import find_task
-from trainer.division import part_of
+from trainer.division import part_of, refuse_like_named
 from trainer.judging.blocks import drive_blocks, kept_beside
 from trainer.judging.evaluate import Drive, Evaluation, Ride, open_policy, ridden, summarise
 from trainer.judging.films import Scene, films_of, keep_films
@@ -58,11 +58,9 @@ def judge(
     expect_writable(out, inputs=[Path(options.model)])
     policy = open_policy(options.model, options.task, options.translate)
     asked = options.filled_in(policy.contract.task)
-    parts = {
-        place.name: part_of(place)
-        for place in map(find_task(asked.task).load, asked.map)
-        if isinstance(place, RoadMap)
-    }
+    places = list(map(find_task(asked.task).load, asked.map))
+    refuse_like_named(places)
+    parts = {place.name: part_of(place) for place in places if isinstance(place, RoadMap)}
     order = Missions(replace(asked, episodes=0, seed=0), films)
     seeds = range(asked.seed, asked.seed + asked.episodes)
     title = f"{asked.task} {Path(asked.model).name}"

@@ -49,7 +49,8 @@ def draw_panels(panels: Sequence[tuple[str, Sequence[Record]]], path: Path) -> N
     figure = Figure(figsize=(4.4 * len(columns), 3.1 * len(panels)), layout="constrained")
     axes = np.asarray(figure.subplots(len(panels), len(columns), sharex="row", squeeze=False))
     for row, (title, records) in zip(axes, panels, strict=True):
-        row[0].set_title(fill(title, _TITLE_LETTERS), loc="left", fontsize="medium")
+        told = fill(title, _TITLE_LETTERS).replace("$", r"\$")  # else mathematics
+        row[0].set_title(told, loc="left", fontsize="medium")
         for axis, draw in zip(row, columns, strict=True):
             axis.set(xlabel="steps")
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))

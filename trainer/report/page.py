@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from robot.errors import ConfigError
 from robot.output import write_text
-from robot.typed_config import from_plain, read_json
+from robot.typed_config import from_plain, read_json, read_yaml
 from sim_pybullet.tasks.spec import TASKS, PaperRow, TaskSpec, find_task, learned_tasks
 from trainer.algorithms import NAMES, find_algorithm
 from trainer.config import RunConfig
@@ -83,11 +83,18 @@ def find_runs(paths: Iterable[Path]) -> list[Path]:
     """Run folders: the paths, or all that lie below them; ConfigError where there is none."""
     found: list[Path] = []
     for path in paths:
-        below = sorted(file.parent for file in path.rglob("config.yaml"))
+        every = path.rglob("config.yaml")
+        below = sorted(file.parent for file in every if file.parent == path or _of_policy(file))
         if not below:
             raise ConfigError(f"{path}: expected the folder of a run, or of runs: no config.yaml")
         found += [path] if path in below else below
     return list(dict.fromkeys(found))
+
+
+def _of_policy(config: Path) -> bool:
+    """Whether it is a policy's, or nobody's; translators and parsers have no algorithm."""
+    plain = read_yaml(config)
+    return not (isinstance(plain, dict) and plain) or "algorithm" in plain
 
 
 def read_runs(paths: Iterable[Path], problems: list[str]) -> list[Run]:
@@ -111,7 +118,7 @@ def _judgement(file: Path, config: RunConfig, problems: list[str]) -> Judgement 
     """None where the file holds something else than an evaluation."""
     try:
         data = read_json(file)
-        if "inputs" not in data or "success_rate" not in data:
+        if not isinstance(data.get("inputs"), dict) or "success_rate" not in data:
             return None
         inputs = {k: v for k, v in data["inputs"].items() if k != "maps"}
         inputs["map"] = data["inputs"].get("maps", [])

@@ -115,11 +115,13 @@ class EvaluateJob:
         return self.out.with_suffix(".log")
 
     def finished(self) -> bool:
-        """Whether the JSON file answers the same question."""
+        """Whether the JSON file answers the same question, of the policy as it is now."""
         from trainer.judging.judge import answers
 
         self.options.check()
-        return self.out.exists() and answers(self.out, self.options)
+        model, out = Path(self.options.model), self.out
+        trained_on = out.exists() and model.exists() and model.stat().st_mtime > out.stat().st_mtime
+        return out.exists() and answers(out, self.options) and not trained_on
 
     def run(self, console: Console) -> int:
         """Drive, and say how it went."""

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from robot.errors import ConfigError
+from robot.errors import ConfigError, expect_between
 
 _NEW = "the run's folder; must not hold a run yet, unless --resume."
 _ON = "go on with the run in --out, if there is one, with its own configuration."
@@ -117,22 +117,19 @@ def translate_train_command(
         seed: of everything random.
     """
     from trainer.run import take_up
-    from trainer.transfer.cyclegan import TranslationConfig, train_translation, translation_preset
-    from trainer.transfer.pictures import pictures_of
+    from trainer.transfer import cyclegan
 
-    def fresh() -> TranslationConfig:
+    def fresh() -> cyclegan.TranslationConfig:
         if not sim or not real:
             raise ConfigError("translate train: expected --sim and --real folders, got none")
-        config = translation_preset(preset, tuple(map(str, sim)), tuple(map(str, real)))
-        for each in (*sim, *real):
-            if next(pictures_of(each), None) is None:  # refused before anything is written
-                raise ConfigError(f"{each}: expected pictures, got none")
+        config = cyclegan.translation_preset(preset, tuple(map(str, sim)), tuple(map(str, real)))
+        cyclegan.UnpairedPictures(config, "cpu")  # refused before anything is written
         given: dict[str, Any] = {"steps": steps, "structure": structure}
         asked = {name: value for name, value in given.items() if value is not None}
         return replace(config, seed=seed, **asked)
 
-    config = take_up(TranslationConfig, out, resume, fresh)
-    model = train_translation(out, config, Console())
+    config = take_up(cyclegan.TranslationConfig, out, resume, fresh)
+    model = cyclegan.train_translation(out, config, Console())
     learned, photographs = (tuple(map(Path, some)) for some in (config.sim, config.real))
     return translate_judge_command(model, learned, photographs)
 
@@ -172,6 +169,8 @@ def parse_train_command(
     from trainer.transfer.parser import train_parser
 
     def fresh() -> ParseOptions:
+        for length in options.size:  # halved four times, or five
+            expect_between("size", length, 16 if options.net == "small" else 32, 10_000)
         load_sources(options)  # refused before anything is written
         return options
 
@@ -198,9 +197,13 @@ def parse_translate_command(
 ) -> int:
     """Teach virtual -> parsing -> real; leaves sim_to_real.onnx, a translator, and sheet.png."""
     from trainer.run import take_up
-    from trainer.transfer.pix2pix import translate_through
+    from trainer.transfer.pix2pix import both_pairs, translate_through
 
-    _say(translate_through(out, take_up(ThroughOptions, out, resume, lambda: options), Console()))
+    def fresh() -> ThroughOptions:
+        both_pairs(options)  # refused before anything is written
+        return options
+
+    _say(translate_through(out, take_up(ThroughOptions, out, resume, fresh), Console()))
     return 0
 
 

@@ -233,7 +233,7 @@ _LARGEST_SHIFT = 0.05  # of the picture: photographs are cut a little differentl
 class UnpairedPictures:
     """Draws batches: simulated pictures with their paint, and photographs."""
 
-    def __init__(self, config: TranslationConfig, device: torch.device) -> None:
+    def __init__(self, config: TranslationConfig, device: torch.device | str) -> None:
         self.sim, self._real = (
             load_pictures([Path(folder) for folder in folders], config.image)
             for folders in (config.sim, config.real)

@@ -111,6 +111,10 @@ class Shape:
     points: tuple[tuple[float, float], ...]  # x, y [px], continuous: (0, 0) is the top left corner
     width: float = 0.0  # [px]; of a line; 0 is a filled polygon
 
+    def __post_init__(self) -> None:
+        if not self.points or not 0.0 <= self.width <= 1000.0:
+            raise ConfigError(f"shape: expected points, a width of 0 to 1000, got {self}")
+
 
 @dataclass(frozen=True)
 class Photograph:
@@ -127,6 +131,10 @@ class Annotations:
 
     size: tuple[int, int]  # width, height that the points count in
     photographs: tuple[Photograph, ...]
+
+    def __post_init__(self) -> None:
+        if not self.photographs or min(self.size) < 1:
+            raise ConfigError(f"annotations: expected photographs of a size, got {self}")
 
 
 class Labelled(NamedTuple):

@@ -83,6 +83,8 @@ def label_of(picture: Path) -> np.ndarray:
 def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
     """All of `pictures_of` some paths, as a policy's; ConfigError where there are none."""
     found = [[preprocess(fit_to_frame(p), image) for p in pictures_of(path)] for path in folders]
+    if empty := [path for path, some in zip(folders, found, strict=True) if not some]:
+        raise ConfigError(f"{empty[0]}: expected pictures, got none")
     files = tuple(f for path in folders if path.is_dir() for f in pictures_in(path))
     numbers = np.repeat(range(len(found)), [len(some) for some in found])
     return Pictures(np.stack([each for some in found for each in some]), numbers, files)

@@ -152,17 +152,7 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
 
     ConfigError if the simulator's frames, the photographs or the parser do not fit.
     """
-    image, labels = preset(run.task, "dueling", run.preset).image, LABEL_SETS[run.labels]
-    virtual = simulated_pairs(run.sim, image, labels)
-    if run.parser:
-        real = _real(Path(run.real), load_parser(Path(run.parser)), image)
-        if PIX2PIX[run.net].structure:
-            paint = load_paint(load_pictures([Path(run.sim)], image), image)
-            real = replace(real, lines=Pairs(virtual.wanted, np.moveaxis(paint, 1, 3)))
-    else:
-        other = simulated_pairs(run.real, image, labels)
-        real = Pairs(other.wanted, other.given)
-    halves = []
+    (virtual, real, image), labels, halves = both_pairs(run), LABEL_SETS[run.labels], []
     for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real)):
         model, kept = Pix2Pix(PIX2PIX[run.net], run.seed), out / f"{name}.pt"
         halves.append(teach_pairs(model, pairs, run.steps, run.seed, kept, console))
@@ -181,6 +171,21 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     }
     draw_sheet(out / "sheet.png", columns)
     return path
+
+
+def both_pairs(run: ThroughOptions) -> tuple[Pairs, Pairs, ImageSpec]:
+    """What each of the two networks learns from, and of which pictures; errors as above."""
+    image, labels = preset(run.task, "dueling", run.preset).image, LABEL_SETS[run.labels]
+    virtual = simulated_pairs(run.sim, image, labels)
+    if run.parser:
+        real = _real(Path(run.real), load_parser(Path(run.parser)), image)
+        if PIX2PIX[run.net].structure:
+            paint = load_paint(load_pictures([Path(run.sim)], image), image)
+            real = replace(real, lines=Pairs(virtual.wanted, np.moveaxis(paint, 1, 3)))
+    else:
+        other = simulated_pairs(run.real, image, labels)
+        real = Pairs(other.wanted, other.given)
+    return virtual, real, image
 
 
 def simulated_pairs(collection: str, image: ImageSpec, labels: LabelSet) -> Pairs:
