@@ -13,8 +13,7 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_STEPS
-from sim_pybullet.rendering.batch_camera import BatchCamera
-from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.rendering.ray_camera import BatchCamera, RayCamera
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.sensing.guidance_feed import ALWAYS, GuidanceFeed, PoseSources
 from sim_pybullet.tasks.spec import Course, Task, TaskStep

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from robot.errors import ConfigError
 from robot.inference.policy import open_translator
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.rendering.batch_camera import BatchCamera
+from sim_pybullet.rendering.ray_camera import BatchCamera
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.algorithms import find_algorithm

@@ -1,5 +1,6 @@
 """``RayCamera``: what many robots see, by reading the floor where each pixel's ray meets it."""
 
+from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numba
@@ -15,6 +16,21 @@ from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
 from sim_pybullet.scene import Mover, Scene
 
 _ROWS: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
+
+
+class BatchCamera(Protocol):
+    """`RayCamera` on the CPU, `torch_camera.TorchCamera` on a GPU, or none."""
+
+    shape: tuple[int, int, int]  # (H, W, 3) of one picture
+    device: str | None  # of torch, where pictures are tensors; None where they are arrays
+
+    def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
+        """Give robot ``i`` its world and its camera."""
+
+    def render(
+        self, poses: np.ndarray, robots: np.ndarray | None = None, movers: np.ndarray | None = None
+    ) -> Any:
+        """(N, H, W, 3) uint8 RGB, see `RayCamera.render`."""
 
 
 class RigTables:

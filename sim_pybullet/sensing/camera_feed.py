@@ -8,7 +8,7 @@ from robot.geometry import wrap_angle
 from robot.inference.policy import Translator
 from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
-from sim_pybullet.rendering.batch_camera import BatchCamera
+from sim_pybullet.rendering.ray_camera import BatchCamera
 from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import Mirror, Sensors
