@@ -40,7 +40,7 @@ def written(stage: Stage, data: str) -> None:
 def moved_to(stage: Stage, address: int) -> Iterator[None]:
     """The chip answers elsewhere, and the robot is started."""
     with sets(stage, "bench.town.hat.chip", address=address):
-        stage.bench.start_in_vain("robot")
+        stage.bench.start_in_vain()
         yield
 
 
@@ -104,7 +104,7 @@ def started_with(stage: Stage, how: str) -> Iterator[None]:
         path.write_bytes(data.replace(b'"path_points": 10', b'"path_points":  7'))
     try:
         bench.use_model(path)
-        bench.start_in_vain("robot")
+        bench.start_in_vain()
         yield
     finally:
         bench.use_model(bench.options.model)

@@ -172,11 +172,11 @@ class Bench:
         terminal.write(f"{word}\n".encode())
         self.time.poked("robot")
 
-    def start_in_vain(self, name: str) -> None:
-        """Kill a program, start it again where it cannot work, and let it find out."""
-        self.stop(name)
-        process = self.start(name)
-        self.until(lambda: not process.alive, START_S, f"{name} to give up", PAUSE_S)
+    def start_in_vain(self) -> None:
+        """Kill the robot, start it again where it cannot work, and let it find out."""
+        self.stop("robot")
+        robot = self.start("robot")
+        self.until(lambda: not robot.alive, START_S, "robot to give up", PAUSE_S)
 
     def log_in(self, name: str = "monitor") -> Operator:
         """Open a monitor's page with the token that it printed."""

@@ -105,7 +105,7 @@ class VirtualTown(VirtualRobot):
         self.services.append(self.overhead)
         for service in (*self.services, *(self.second.services if self.second else ())):
             time.add_service(service)
-        self.overhead_event = time.every(1.0 / OVERHEAD_FPS, self.overhead.moment)
+        time.every(1.0 / OVERHEAD_FPS, self.overhead.moment)
 
     def _look_around(self) -> None:
         """Both robots' cameras see the other one, and the duck."""
