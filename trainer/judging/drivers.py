@@ -138,9 +138,9 @@ class Governed(Pilot):
         bodies = task.crowd.bodies(poses)
         red = task.look(world.poses).red
         if not self._robots:  # all begin their only episode
-            views = {m.name: _View(m) for m in task.road_maps if isinstance(m, RoadMap)}
+            views = [_View(m) for m in task.road_maps if isinstance(m, RoadMap)]
             for i, number in enumerate(world.numbers.tolist()):
-                view, place = views[task.road_maps[world.maps[i]].name], i % ours
+                view, place = views[world.maps[i]], i % ours
                 others = Neighbours(view, _name(place), self._look.position_m)
                 robot = Ruled(Pose(*world.poses[i].tolist()), _RULES)
                 self._robots.append((robot, RoadWatch(view, others), others))
@@ -203,11 +203,11 @@ class Together(Pilot):
         assert known is not None
         shares = super().choose(world, seen)
         if not self._robots:
-            views = {m.name: _View(m) for m in task.road_maps if isinstance(m, RoadMap)}
+            views = [_View(m) for m in task.road_maps if isinstance(m, RoadMap)]
             for i, pose in enumerate(world.poses.tolist()):
                 group = range(i - i % task.group, i - i % task.group + task.group)
                 reports = {_name(k): partial(self._said.get, k) for k in group if k != i}
-                view = views[task.road_maps[world.maps[i]].name]
+                view = views[world.maps[i]]
                 watch = RoadWatch(view, Company(view, _name(i), reports), WaySeen())
                 self._robots.append((Ruled(Pose(*pose), _RULES), watch))
         self._turns += 1
