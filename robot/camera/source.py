@@ -90,7 +90,6 @@ class NewestFrame(Worker):
     def __init__(self, open_stream: Callable[[], Stream], clock: Callable[[], float]) -> None:
         super().__init__("camera", JOIN_S)
         self.problem = "the camera has not started"
-        self.restarts = 0
         self._open_stream = open_stream
         self._clock = clock
         self._frame: Optional[Frame] = None
@@ -112,7 +111,6 @@ class NewestFrame(Worker):
                 wait_s = FIRST_WAIT_S
             self._ending.wait(wait_s)
             wait_s = min(2.0 * wait_s, LONGEST_WAIT_S)
-            self.restarts += not self._ending.is_set()
 
     def _play(self) -> None:
         with closing(self._open_stream()) as stream:

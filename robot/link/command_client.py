@@ -21,7 +21,6 @@ class CommandClient:
 
     def __init__(self, link: Link, clock: Clock = time.monotonic) -> None:
         self.session = new_session()
-        self.refused = 0
         self._link = link
         self._clock = clock
         self._connected_s = clock()
@@ -79,7 +78,6 @@ class CommandClient:
             try:
                 ack = Ack.from_bytes(parts[-1])
             except ContractError:
-                self.refused += 1
                 continue
             self._heard_s = now_s
             self._echo = ack.robot_session, ack.robot_time_s
