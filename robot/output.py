@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shutil
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
@@ -63,6 +64,8 @@ def atomically(path: Path) -> Iterator[Path]:
         yield temporary
         with temporary.open("rb") as file:  # else a power cut after the renaming leaves no data
             os.fsync(file.fileno())
+        if target.exists():  # who may read it still may
+            shutil.copymode(str(target), str(temporary))
         os.replace(temporary, target)
     finally:
         if temporary.exists():

@@ -67,3 +67,17 @@ def test_a_link_stays_a_link_and_a_pipe_a_pipe(tmp_path: Path) -> None:
     assert os.read(reader, 100) == b"figures"
     os.close(reader)
     assert pipe.is_fifo()
+
+
+def test_who_may_read_a_file_still_may_when_it_is_written_anew(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_bytes(b"old")
+    path.chmod(0o644)
+    before = os.umask(0o077)
+    try:
+        write_bytes(path, b"new")
+        write_bytes(tmp_path / "own", b"new")
+    finally:
+        os.umask(before)
+    assert path.stat().st_mode & 0o777 == 0o644
+    assert (tmp_path / "own").stat().st_mode & 0o777 == 0o600
