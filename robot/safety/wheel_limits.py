@@ -13,7 +13,7 @@ from robot.geometry import WheelSpeeds
 from robot.safety.governors import Cap
 
 # From rest to the table's fastest wheel within one decision, and a quarter more.
-MAX_WHEEL_MPS2 = 1.25 * MAX_WHEEL_MPS / CONTROL_DT_S  # 3.8 m/s^2
+MAX_WHEEL_MPS2 = 1.25 * MAX_WHEEL_MPS / CONTROL_DT_S  # 4.3 m/s^2
 
 
 def limit_speed(wanted: WheelSpeeds, most_mps: float = MAX_WHEEL_MPS) -> WheelSpeeds:

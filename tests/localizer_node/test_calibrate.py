@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from localizer_node.calibrate import KnownPoint, calibrate, corner_points, guess_lens
 from localizer_node.calibration import Board, Marker, map_corners, map_outline
 from localizer_node.detect import Detector
-from robot.bringup.camera_place import Freedom
+from robot.bringup.camera_place import Freedom, fit_camera
 from robot.errors import ConfigError
 from robot.lens import Lens
 from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, PINHOLE, SIDE_PX, Rig, grid
@@ -101,6 +101,36 @@ def test_too_few_points():
 def test_points_on_a_line_with_one_beside_it():
     line = np.column_stack((np.linspace(0.2, 2.0, 5), np.linspace(0.1, 2.5, 5)))
     refused(Rig().known(np.vstack((line, [[2.0, 0.2]]))), "almost on one line")
+
+
+def test_pixels_on_a_line_of_points_that_are_not():
+    points = [KnownPoint(100.0 + 200 * k, 300.0, *map(float, at)) for k, at in enumerate(CORNERS)]
+    refused(points, "all but one of the pixels lie almost on one line")
+
+
+@pytest.mark.parametrize(("count", "checked"), [(4, False), (5, True)])
+def test_four_equations_to_spare_show_a_wrong_lens(count, checked):
+    known = Rig().known(np.vstack((CORNERS, [[1.0, 1.2]])))[:count]
+    assert calibrate(known, FISHEYE, Freedom(), MAP_M).checked is checked
+
+
+def test_the_parallax_of_a_board_in_the_farthest_corner():
+    """A camera so much too high misplaces a board by its distance, times that over its height."""
+    known, free = Rig().known(grid(5), 0.3), Freedom(True)
+    start = guess_lens("fisheye", SIDE_PX, SIDE_PX)
+    pixels = np.array([(p.u_px, p.v_px) for p in known])
+    fit = fit_camera(pixels, np.array([(p.x_m, p.y_m) for p in known]), start, free)
+    x, y, z = fit.position_m
+    reach = max(math.hypot(x - u, y - v) for u, v in CORNERS)
+    told = calibrate(known, start, free, MAP_M).parallax_sigma_mm
+    assert told == pytest.approx(1000.0 * reach / z * 0.12 / z * fit.height_sigma_m)
+    assert told > 0.1
+    two = (
+        Marker("low", board=Board(height_m=0.06)),
+        Marker("high", "tag", board=Board(0.2, 0.2, 0.3)),
+    )
+    tallest = calibrate(known, start, free, MAP_M, two, 99.0).parallax_sigma_mm
+    assert tallest == pytest.approx(told * 0.3 / 0.12)
 
 
 def test_swapped_corners():

@@ -69,8 +69,9 @@ def test_impossible_parts_are_refused():
         Board(length_m=0.0)
     with pytest.raises(ConfigError, match=r"hues 0\.\.360"):
         Colour("blue", 200.0, 400.0)
-    with pytest.raises(ConfigError, match="at least 3 corners"):
-        replace(Rig().calibration(), roi_px=((0.0, 0.0),))
+    for corners in (1, 2):
+        with pytest.raises(ConfigError, match="at least 3 corners"):
+            replace(Rig().calibration(), roi_px=((0.0, 0.0),) * corners)
 
 
 def test_looking_up_a_colour_that_is_not_there():

@@ -63,6 +63,25 @@ def test_hues_wrap_around_red():
     assert (mask_of(hsv, red)[0] > 0).tolist() == [True, True, False, False, False, True, True]
 
 
+def test_one_hue_is_not_all_of_them():
+    hsv = np.stack((np.array([10, 59, 60, 61], np.uint8), *np.full((2, 4), 200, np.uint8)), -1)
+    assert (mask_of(hsv[None], Colour("one", 120.0, 120.0))[0] > 0).tolist() == [0, 0, 1, 0]
+
+
+HUES = {"blue": (200, 250), "green": (95, 165), "magenta": (285, 335), "orange": (10, 36)}
+LEAST = {"blue": (0.4, 0.18), "green": (0.35, 0.18), "magenta": (0.4, 0.18), "orange": (0.55, 0.4)}
+
+
+def test_the_colours_that_boards_may_have():
+    """Apart by more than a camera's white balance turns them."""
+    boxes = {c.name: (c.hue_min_deg, c.hue_max_deg) for c in DEFAULT_COLOURS}
+    assert boxes == HUES
+    assert {c.name: (c.saturation_min, c.value_min) for c in DEFAULT_COLOURS} == LEAST
+    edges = sorted(HUES.values())
+    gaps = [low - high for (_, high), (low, _) in zip(edges, [*edges[1:], (370, 0)])]
+    assert min(gaps) >= 35
+
+
 def test_blobs_come_largest_first_and_specks_not_at_all():
     image = square((15.0, 15.0), 4.0)
     image[40:55, 40:55] = PAINT["blue"]

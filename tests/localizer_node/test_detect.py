@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from localizer_node.calibration import Board, Marker
-from localizer_node.detect import Detector
+from localizer_node.detect import Detector, Part, _front_fit
 from tests.localizer_node.rigs import MAP_M, PINHOLE, Rig, turn
 
 TWO_COLOUR = (Marker("green"), Marker("pink", front="magenta"))
@@ -118,16 +118,26 @@ def test_a_board_without_its_front_colour_is_no_two_coloured_robot():
     assert detector.detect(picture) == ()
 
 
+@pytest.mark.parametrize(("away_m", "fits"), [(0.08, 1.0), (0.099, 0.3), (0.101, 0.0), (0.0, 0.0)])
+def test_a_front_lies_as_far_from_its_rear_as_it_should_to_a_quarter(away_m, fits):
+    """Half a board's length of 16 cm is between their middles."""
+    rear = Part(np.zeros(2), (0.14, 0.1), 1.0, (0.0, 0.0))
+    front = Part(np.array([0.0, away_m]), (0.14, 0.06), 1.0, (0.0, 0.0))
+    assert _front_fit(TWO_COLOUR[0], rear, front) == pytest.approx(fits, abs=0.06)
+    assert (_front_fit(TWO_COLOUR[0], rear, front) > 0.0) is (fits > 0.0)
+
+
 def test_a_board_whose_tag_is_unknown_is_nobody():
     stranger = Marker("x", "tag", tag=33)
     picture, detector = look(TAGGED, [(stranger, (1.0, 1.0, 0.5))])
     assert detector.detect(picture) == ()
 
 
-def test_a_tag_must_have_its_size():
-    large = Marker("x", "tag", tag=7, board=Board(0.4, 0.4, tag_m=0.2))
-    picture, detector = look(TAGGED, [(large, (1.2, 1.4, 0.7))])
-    assert detector.detect(picture) == ()
+@pytest.mark.parametrize(("tag_m", "found"), [(0.2, 0), (0.117, 0), (0.108, 1), (0.063, 0)])
+def test_a_tag_must_have_its_size_to_a_quarter(tag_m, found):
+    other = Marker("x", "tag", tag=7, board=Board(0.4, 0.4, tag_m=tag_m))
+    picture, detector = look(TAGGED, [(other, (1.2, 1.4, 0.7))])
+    assert len(detector.detect(picture)) == found
 
 
 def test_a_second_board_with_a_robot_s_tag_is_told_as_well():

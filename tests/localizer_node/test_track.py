@@ -117,3 +117,52 @@ def test_an_origin_behind_the_board_swings_with_it():
     pictures = [[seen("a", 1.0, 1.0, 1.5 * i * DT_S)] for i in range(60)]
     pose = feed(tracker(marker), pictures)["a"]
     assert (pose.x_m, pose.y_m) == pytest.approx((1.0, 1.0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("after_s", "away_m", "told"),
+    [
+        (0.1, 0.14, True),
+        (0.1, 0.16, False),
+        (0.9, 0.78, True),
+        (0.9, 0.80, False),
+        (0.99, 0.0, True),
+        (1.01, 0.0, False),  # forgotten: it must be seen three times again
+    ],
+)
+def test_a_robot_is_where_it_can_have_driven_at_eight_tenths_of_a_metre_a_second(
+    after_s, away_m, told
+):
+    followed = tracker()
+    feed(followed, [[seen("a", 1.0, 1.0, 0.0)]] * 5)
+    poses = followed.update([seen("a", 1.0, 1.0 + away_m, 0.0)], 4 * DT_S + after_s)
+    assert bool(poses) is told
+
+
+def test_eight_sightings_elsewhere_in_a_row_and_two_more_are_a_robot_that_was_carried():
+    here, there = [seen("a", 1.0, 1.0, 0.0)], [seen("a", 0.3, 2.0, 1.0)]
+    followed, told = tracker(), []
+    for i, picture in enumerate([here] * 5 + [there] * 7 + [here] + [there] * 10):
+        told.append([pose.x_m for pose in followed.update(picture, i * DT_S)])
+    assert told == [[]] * 2 + [[1.0]] * 3 + [[]] * 7 + [[1.0]] + [[]] * 9 + [[0.3]]
+
+
+def test_two_alike_elsewhere_carry_nothing():
+    followed = tracker()
+    feed(followed, [[seen("a", 1.0, 1.0, 0.0)]] * 5)
+    two = [seen("a", 0.3, 2.0, 1.0), seen("a", 2.0, 0.3, 1.0)]
+    assert feed(followed, [two] * 20, start=5) == {}
+
+
+@pytest.mark.parametrize(("other", "told"), [(0.59, True), (0.61, False)])
+def test_of_two_alike_one_that_is_half_as_sure_again_is_the_robot(other, told):
+    pair = [seen("a", 1.5, 1.5, 0.0, confidence=other), seen("a", 0.5, 0.5, 0.0)]
+    assert bool(feed(tracker(), [pair] * 3)) is told
+
+
+@pytest.mark.parametrize(("hop_m", "carried"), [(0.045, True), (0.055, False)])
+def test_sightings_within_five_centimetres_are_of_one_place(hop_m, carried):
+    followed = tracker()
+    feed(followed, [[seen("a", 1.0, 1.0, 0.0)]] * 5)
+    hops = [[seen("a", 0.3 + hop_m * (i % 2), 2.0, 1.0)] for i in range(20)]
+    assert bool(feed(followed, hops, start=5)) is carried

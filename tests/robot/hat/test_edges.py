@@ -108,6 +108,14 @@ def test_a_number_is_a_device_and_a_path_is_a_socket(monkeypatch: pytest.MonkeyP
     assert open_bus("/tmp/x") == ("socket", "/tmp/x")  # type: ignore[comparison-overlap]
 
 
+def test_a_virtual_bus_may_be_silent_for_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As long as Linux's adapters wait: a busy computer is no dead bus."""
+    asked: List[Any] = []
+    monkeypatch.setattr(module, "connect_local", lambda *told: asked.append(told))
+    module.SocketBus("/tmp/x")
+    assert asked == [("/tmp/x", "a virtual I2C bus", 1.0)]
+
+
 @pytest.mark.parametrize(
     ("number", "says"),
     [(errno.EACCES, "add the user to the group i2c"), (errno.ENOENT, "expected an I2C bus, got")],

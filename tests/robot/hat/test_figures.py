@@ -17,7 +17,7 @@ from robot.hat.stepping import StepPlanner
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault
-from tests.robot.hat.rig import Rig, Transaction, WatchedBus, make_rig, speeds
+from tests.robot.hat.rig import Rig, Transaction, WatchedBus, duty, make_rig, speeds
 
 READS = [(0x00, 1), (0x01, 1), (0xFE, 1)]
 
@@ -138,6 +138,23 @@ def test_a_third_attempt_switches_off_where_two_failed() -> None:
         rig.driver.open()
 
 
+def test_an_exit_in_the_middle_of_a_step_switches_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(_: object) -> None:
+        raise SystemExit
+
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, 1.0)
+        monkeypatch.setattr(rig.driver._hat, "move", interrupted)
+        with pytest.raises(SystemExit):
+            rig.drive(0.2, 0.2, 0.2)
+        assert not rig.hat.chip.outputs.any_high
+        with pytest.raises(HardwareError, match="the motors are off since"):
+            rig.driver.set_wheels(WheelSpeeds(0.2, 0.2))
+
+
 def test_a_rolling_robot_keeps_its_coils_for_three_tenths_of_a_second() -> None:
     rig, bus = dated_rig()
     with rig.driver:
@@ -151,6 +168,52 @@ def test_a_rolling_robot_keeps_its_coils_for_three_tenths_of_a_second() -> None:
         assert sent[-1][0] - began_s == pytest.approx(0.3)
         steps_s = [t - began_s for t, data in sent[:-1]]
         assert max(steps_s) < 0.15, "and brakes within half of that"
+
+
+def test_who_is_told_to_stand_while_it_is_released_is_released_all_the_same() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, 1.5)
+        rig.driver.release()
+        rig.drive(0.0, 0.0, 0.35)
+        assert not rig.hat.chip.outputs.any_high
+
+
+def test_who_has_just_stopped_is_held_before_its_coils_go_off() -> None:
+    """Its last step is made, and it may roll yet."""
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, 1.5)
+        rig.driver.stop()
+        rig.wait(0.16)
+        assert rig.driver.planner.deadline_s is None
+        rig.driver.release()
+        rig.wait(0.25)
+        assert rig.hat.chip.outputs.any_high
+        rig.wait(0.06)
+        assert not rig.hat.chip.outputs.any_high
+
+
+def test_who_is_released_again_and_again_is_not_held_for_longer() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, 1.5)
+        for _ in range(6):
+            rig.driver.release()
+            rig.wait(0.052)
+        assert not rig.hat.chip.outputs.any_high
+
+
+def test_coils_have_the_whole_duty_until_the_last_step_of_a_ramp() -> None:
+    rig = make_rig(HatConfig(hold_after_s=0.01))  # its steps are 7 to 40 ms apart
+    with rig.driver:
+        rig.drive(0.3, 0.3, 2.0)
+        rig.driver.set_wheels(WheelSpeeds(0.0, 0.0))
+        while rig.driver.planner.deadline_s is not None:
+            assert duty(rig.hat.chip.outputs, 8) == 1.0
+            rig.wait(0.002)
+        rig.wait(0.05)
+        assert duty(rig.hat.chip.outputs, 8) == pytest.approx(0.3, abs=1e-3)
 
 
 def test_coils_drop_to_hold_after_a_quarter_second_and_go_off_after_a_minute() -> None:

@@ -41,6 +41,19 @@ def test_nobody_there_is_told_with_what_to_check() -> None:
         Pca9685.probe(VirtualI2cBus(), (0x6F, 0x60), VirtualClock())
 
 
+@pytest.mark.parametrize("number", [6, 121])
+def test_that_nobody_answers_is_told_by_either_error_number(number: int) -> None:
+    """ENXIO or EREMOTEIO: which of them is the adapter's choice."""
+
+    class Silent(VirtualI2cBus):
+        def read(self, address: int, register: int, count: int) -> bytes:
+            raise OSError(number, "nobody")
+
+    assert Pca9685.find(Silent(), 0x60, VirtualClock()) is None
+    with pytest.raises(HardwareError, match="nobody answered"):
+        Pca9685.probe(Silent(), (0x6F, 0x60), VirtualClock())
+
+
 def test_a_stranger_is_left_alone_and_a_stuck_bus_is_told() -> None:
     clock, bus = VirtualClock(), VirtualI2cBus()
     bus.attach(RealTimeClockChip())

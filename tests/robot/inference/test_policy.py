@@ -98,7 +98,8 @@ def test_metadata_must_be_there_and_ours(tmp_path: Path) -> None:
     assert "got keys ['other']" in refusal(write_network(path, network, {"other": "1"}))
     key = PolicyContract.METADATA_KEY
     assert "expected JSON" in refusal(write_network(path, network, {key: "{"}))
-    assert "expected schema 1" in refusal(write_network(path, network, {key: "[]"}))
+    for other in ("[]", lane_contract().to_json().replace('"schema": 1', '"schema": 2')):
+        assert "expected schema 1" in refusal(write_network(path, network, {key: other}))
     typo = lane_contract().to_json().replace('"task"', '"taks"')
     with pytest.raises(ContractError, match="did you mean 'task'"):
         read_contract(write_network(path, network, {key: typo}))

@@ -66,6 +66,12 @@ def test_robots_that_tell_each_other_where_they_are_need_no_localizer() -> None:
         assert math.isfinite(company.free_m()), "what was said holds for a second"
 
 
+def test_what_a_robot_tells_of_its_place_errs_by_five_centimetres() -> None:
+    company = Heard()
+    company.both()
+    assert company.neighbours.ahead(company.now_s, HERE, WAY).free_sigma_m == 0.05
+
+
 def test_a_localizer_tells_them_of_what_does_not_tell_of_itself() -> None:
     company = Heard()
     company.both()

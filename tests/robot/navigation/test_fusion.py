@@ -2,6 +2,7 @@ import math
 from typing import List, Tuple
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -212,6 +213,14 @@ def known_robot() -> PoseFusion:
     return fusion
 
 
+def test_who_is_reset_knows_neither_a_place_nor_when_it_was_seen() -> None:
+    fusion = known_robot()
+    fusion.rejected[:] = 3
+    fusion.reset(np.arange(1))
+    assert np.isnan(fusion.poses).all()
+    assert (fusion.age_s(9.0)[0], fusion.rejected[0]) == (math.inf, 0)
+
+
 def scale_of(fusion: PoseFusion) -> float:
     """How far the filter says that a robot drives which steps a metre ahead [m]."""
     before = fusion.poses.copy()
@@ -276,3 +285,61 @@ def test_a_robot_found_again_elsewhere_learns_anew() -> None:
         fusion.measure(np.array([[3.0, 2.0, 1.0]]), np.array([now]))
     assert np.allclose(fusion.poses, [[3.0, 2.0, 1.0]], atol=0.01)
     assert abs(scale_of(fusion) - 1.0) < 0.02
+
+
+def put_at_origin() -> PoseFusion:
+    """By a word that is true to 5 cm and a tenth of a radian."""
+    fusion = PoseFusion()
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.put(np.arange(1), np.zeros((1, 3)), (0.05, 0.05, 0.1))
+    return fusion
+
+
+def test_who_was_put_somewhere_takes_an_overhead_pose_for_as_good_as_it_is() -> None:
+    fusion = put_at_origin()
+    assert fusion.certainty[0] == pytest.approx((2.448 * 0.05, 1.96 * 0.1), rel=1e-3)
+    assert fusion.scale_deviations[0] == pytest.approx(0.05)
+    fusion.measure(np.array([[0.06, 0.0, 0.0]]), np.zeros(1))
+    share = 0.05**2 / (0.05**2 + 0.03**2 + 0.015**2)  # of its error half is new
+    assert fusion.poses[0, 0] == pytest.approx(0.06 * share)
+
+
+def test_who_backs_grows_as_unsure_as_who_drives_ahead() -> None:
+    ahead, back = put_at_origin(), put_at_origin()
+    for fusion, step_m in ((ahead, 0.03), (back, -0.03)):
+        for tick in range(1, 30):
+            fusion.move(np.array([step_m]), np.zeros(1), 0.1 * tick)
+    assert np.allclose(back.certainty, ahead.certainty)
+    assert (back.certainty > put_at_origin().certainty).all()
+
+
+def test_a_pose_that_is_not_believed_is_no_newer_one() -> None:
+    fusion = known_robot()
+    fusion.move(np.zeros(1), np.zeros(1), 0.5)
+    fusion.measure(np.array([[3.0, 1.0, 0.4]]), np.array([0.5]))
+    assert (fusion.rejected[0], fusion.age_s(0.5)[0]) == (1, 0.5)
+
+
+def test_a_picture_of_after_the_last_steps_is_one_of_the_last_steps() -> None:
+    early, late = known_robot(), known_robot()
+    for fusion, captured_s in ((early, 0.1), (late, 0.15)):
+        fusion.move(np.full(1, 0.03), np.full(1, 0.2), 0.1)
+        fusion.measure(np.array([[1.05, 1.0, 0.5]]), np.array([captured_s]))
+    assert np.allclose(late.poses, early.poses)
+
+
+def test_what_a_bound_takes_from_the_wheels_it_takes_from_the_place_too() -> None:
+    """Simon, section 2.3, by hand: x and the scale of the way err alike."""
+    fusion = put_at_origin()
+    covariance = fusion._covariance[0]
+    covariance[0, 0] = covariance[3, 3] = 0.01
+    covariance[0, 3] = covariance[3, 0] = 0.009
+
+    def compare(poses: np.ndarray, since: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return np.array([[0.56]]), np.eye(9)[None, :1], np.array([[[0.01]]])
+
+    fusion.correct(compare, np.zeros(1), np.ones(1, dtype=bool))
+    beyond = 0.56 * 0.009 / 0.02 - 0.2
+    share = (0.009 - 0.009 / 2.0) / (0.01 - 0.009**2 / 0.02)
+    assert fusion._state[0, 3] == pytest.approx(0.2)
+    assert fusion.poses[0, 0] == pytest.approx(0.28 - share * beyond)

@@ -5,6 +5,7 @@ import pytest
 
 from robot.geometry import Pose
 from robot.navigation.lane_view import AHEAD_M, KINDS, LaneAhead, LaneView
+from robot.navigation.planner import LaneGraph, path_on
 from robot.navigation.road_map import RoadMap, read_map
 
 TILE = 0.6
@@ -119,3 +120,19 @@ def test_the_way_stays_in_the_middle_of_a_bend() -> None:
         roads = [ring.at(*point, heading + 0.02 * k / 0.45) for k, point in enumerate(way_m)]
         assert max(abs(road.offset_m) for road in roads if road is not None) < 0.006
         assert all(road is not None for road in roads)
+
+
+def test_a_junction_leads_on_to_the_next_where_both_are_open_and_who_goes_straight_on() -> None:
+    for first, offered in (("4way", True), ("3way_left/N", False)):  # closed to the east
+        road = seen(map_of(f"{first} 4way"), 0.5 * TILE, 0.3 * TILE, 0.0)
+        assert road.in_junction
+        assert (road.kind > 0) is math.isfinite(road.line_m) is offered
+    view = LaneView(map_of("4way 4way"))
+    for heading_rad, line_m in ((0.29, 0.5 * TILE), (0.31, math.inf), (-0.31, math.inf)):
+        assert view.line_ahead_m(Pose(0.5 * TILE, 0.3 * TILE, heading_rad)) == line_m
+
+
+def test_where_no_way_leads_straight_on_the_right_one_is_taken() -> None:
+    graph = LaneGraph(map_of("floor straight/N", "straight/E 3way_left/N", "floor straight/N"))
+    path = path_on(graph, Pose(0.2, EASTWARDS_M, 0.0), 1.0)
+    assert path.headings_rad[-1] == pytest.approx(-0.5 * math.pi)

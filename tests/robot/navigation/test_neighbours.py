@@ -106,6 +106,15 @@ def test_who_is_seen_no_longer_counts_where_it_was_and_where_it_may_be(
     assert above.ahead.free_m == math.inf, "it was taken away"
 
 
+def test_who_comes_nearer_and_is_seen_no_longer_went_on_for_a_second(above: Above) -> None:
+    for k in range(10):
+        above.tell(other=Pose(1.4 - 0.02 * k, 0.1, 0.0))
+    free_m = above.ahead.free_m
+    for _ in range(30):
+        above.tell()
+    assert above.ahead.free_m == pytest.approx(free_m - 0.2, abs=0.021)
+
+
 def test_a_pose_that_jumps_frees_no_road(above: Above) -> None:
     for _ in range(5):
         above.tell(other=Pose(1.2, 0.1, 0.0))

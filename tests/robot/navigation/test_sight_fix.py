@@ -344,6 +344,38 @@ def test_a_steady_error_of_the_red_lines_distance_becomes_a_state_too() -> None:
     assert np.hypot(*(fusion.poses[0, :2] - truth[:2])) < 0.008
 
 
+def test_who_stands_grows_no_surer_by_the_same_red_line() -> None:
+    view, fusion = LaneView(TOWN), PoseFusion(1, FusionConfig(sight=True))
+    truth = next(pose for pose in map(lane_pose, TOWN.lanes) if near(view, pose))
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.put(np.arange(1), np.array([truth]), (0.05, 0.05, 0.1))
+    fix, road, within_m = SightFix(fusion, [view]), view.at(*truth), []
+    assert road is not None
+    figures = np.array([[road.offset_m, road.heading_rad, 0.0, road.line_m]])
+    deviations = np.array([[0.01, 0.05, 9.0, 0.03]])
+    seen = Seen(figures, deviations, np.ones(1), np.ones(1), np.zeros((1, 5)), np.zeros(1))
+    for k in range(1, 60):
+        fusion.move(np.zeros(1), np.zeros(1), 0.1 * k)
+        fix.see(seen, np.ones(1, dtype=bool), 0.1 * k)
+        within_m.append(float(fusion.certainty[0, 0]))
+    assert within_m[-1] == pytest.approx(within_m[10], rel=0.02)
+
+
+def test_a_picture_shows_what_was_before_the_robot_fifty_milliseconds_ago() -> None:
+    view, fusion = LaneView(load_map("loop")), PoseFusion(1, FusionConfig(sight=True))
+    truth, fix = lane_pose(view.road_map.lanes[0]), SightFix(fusion, [view])
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.put(np.arange(1), np.array([truth]), (0.01, 0.01, 0.1))
+    fusion.move(np.full(1, 0.03), np.full(1, 0.24), 0.1)
+    then = view.at(*truth.moved(0.015, 0.12))
+    assert then is not None
+    figures = np.array([[then.offset_m, then.heading_rad, then.curvature_pm, 0.0]])
+    deviations = np.array([[0.01, 0.05, 9.0, 0.1]])
+    seen = Seen(figures, deviations, np.zeros(1), np.ones(1), np.zeros((1, 5)), np.zeros(1))
+    fix.see(seen, np.ones(1, dtype=bool), 0.1)
+    assert fusion.poses[0] == pytest.approx(truth.moved(0.03, 0.24), abs=2e-3)
+
+
 def near(view: LaneView, pose: Pose) -> bool:
     road = view.at(*pose)
     return road is not None and not road.in_junction and 0.25 < road.line_m < 0.45
@@ -354,7 +386,9 @@ def lane_pose(lane: Lane) -> Pose:
     return Pose(*begins, math.atan2(*(ends - begins)[::-1])).moved(0.15, 0.0)
 
 
-@pytest.mark.parametrize(("offset_m", "deviation_m"), [(0.4, 0.01), (0.19, 0.1), (0.23, 0.1)])
+@pytest.mark.parametrize(
+    ("offset_m", "deviation_m"), [(0.4, 0.01), (0.19, 0.1), (0.23, 0.1), (-0.4, 0.01)]
+)
 def test_what_cannot_be_and_the_oncoming_lane_is_not_believed(
     offset_m: float, deviation_m: float
 ) -> None:

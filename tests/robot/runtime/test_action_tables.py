@@ -37,6 +37,10 @@ SEVEN = (
 STOP = 1
 
 
+def test_pictures_behind_each_other_lie_along_the_colour_axis() -> None:
+    assert replace(lane_contract(), frames=4).picture_shape == (120, 160, 12)
+
+
 def write_seven(path: Path) -> Path:
     text = lane_contract(actions=SEVEN).to_json()
     network = (FIXTURES / "seven.onnx").read_bytes()

@@ -207,6 +207,16 @@ def test_it_goes_on_after_being_told_to_stand_for_so_long_and_meets_no_line_ther
             assert (after.told == 1) is counts
 
 
+def test_it_stands_for_so_long_after_its_wheels_were_told_to() -> None:
+    rule, caps = StopLines(at_m=3.05, told=3), []
+    for k in range(40):
+        told_mps = 0.05 if k < 20 else 0.0  # a ramp, or a turn that came late
+        rule, cap = rule.after(Road(0.1 * k, 3.0, told_mps, line(0.05)))
+        caps.append(cap.most_mps)
+    assert caps[:31] == [0.0] * 31
+    assert caps[32] == FREE
+
+
 @pytest.mark.parametrize(("apart_m", "told"), [(0.119, 4), (0.121, 1), (-0.119, 4), (-0.121, 1)])
 def test_two_tellings_so_near_to_each_other_mean_one_line(apart_m: float, told: int) -> None:
     rule, _ = StopLines(at_m=3.5, told=3).after(Road(9.0, 3.0, FULL_MPS, line(0.5 + apart_m)))
@@ -365,3 +375,11 @@ def test_a_red_light_holds_before_its_line_and_no_other_does(
 ) -> None:
     seen = RoadAhead(line_m=line_m, light=light)
     assert Lights().after(Road(0.0, 0.0, 0.3, seen))[1].most_mps == pytest.approx(most_mps)
+
+
+def test_who_stood_before_something_has_not_forgotten_it_when_nothing_was_told_for_a_turn() -> None:
+    rule = KeepApart()
+    for free_m, goes in ((0.05, False), (0.15, False), (math.nan, False), (0.15, False)):
+        rule, cap = rule.after(Road(0.0, 0.0, 0.0, RoadAhead(free_m, 0.03)))
+        assert (cap.most_mps > 0.0) is goes
+    assert KeepApart().after(Road(0.0, 0.0, 0.0, RoadAhead(0.15, 0.03)))[1].most_mps > 0.0

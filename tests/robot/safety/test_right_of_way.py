@@ -182,3 +182,45 @@ def test_at_a_light_who_has_green_waits_for_nobody_beside(light: Light, goes: bo
         rule, cap = rule.after(Road(5.0 + TURN_S * k, 0.0, 0.0, ahead))
         most_mps = cap.most_mps
     assert (most_mps > 0.0) is goes
+
+
+def looks_after_s(turns: Sequence[Tuple[AtJunction, ...]]) -> float:
+    """When robot b, that came from arm 0 at 5 s, begins to look around, with others by turns."""
+    rule = FirstCome()
+    for k, others in enumerate(turns):
+        ahead = RoadAhead(junction=Junction(AtJunction(0, 5.0, "b"), others))
+        rule, _ = rule.after(Road(5.0 + TURN_S * k, 0.0, 0.0, ahead))
+        if rule.look_s is not None:
+            return rule.look_s - 5.0
+    return math.inf
+
+
+@pytest.mark.parametrize(("names", "after_s"), [("", 0), ("c", 4), ("a", 8), ("ac", 8), ("aA", 12)])
+def test_where_nobody_goes_the_least_name_goes_after_four_seconds_then_the_next(
+    names: str, after_s: float
+) -> None:
+    others = tuple(AtJunction(1, 0.0, name) for name in names)
+    assert looks_after_s([others] * 130) == pytest.approx(after_s)
+
+
+def test_only_a_lower_name_that_comes_makes_it_wait_anew() -> None:
+    low, high = AtJunction(1, 0.0, "a"), AtJunction(1, 0.0, "c")
+    assert looks_after_s([(low, high)] * 30 + [(high,)] * 60) == pytest.approx(4.0), "it goes"
+    assert looks_after_s([(high,)] * 30 + [(low, high)] * 99) == pytest.approx(11.0), "it comes"
+
+
+def test_whose_turn_is_interrupted_looks_around_anew() -> None:
+    rule, goes = FirstCome(), []
+    for k in range(25):
+        others = (AtJunction(1, 0.0, "a"),) * (5 <= k < 10)
+        ahead = RoadAhead(junction=Junction(AtJunction(0, 5.0, "b"), others))
+        rule, cap = rule.after(Road(5.0 + TURN_S * k, 0.0, 0.0, ahead))
+        goes.append(cap.most_mps > 0.0)
+    assert goes.index(True) in (19, 20), "0.9 s after the other went"
+
+
+@pytest.mark.parametrize(("name", "says"), [("a", "others go first"), ("", "nothing tells who")])
+def test_it_says_whether_it_knows_who_is_inside(name: str, says: str) -> None:
+    at = Junction(AtJunction(0, 5.0, "b"), (AtJunction(1, 0.0, name, inside=True),))
+    _, cap = FirstCome().after(Road(5.0, 0.0, 0.0, RoadAhead(junction=at)))
+    assert cap.reason.startswith(says)

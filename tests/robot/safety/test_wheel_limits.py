@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from robot.contract import ACTION_WHEELS, CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.errors import ContractError
 from robot.geometry import STILL, WheelSpeeds
-from robot.safety.wheel_limits import MAX_WHEEL_MPS2, limit_rate, limit_speed
+from robot.safety.governors import Cap
+from robot.safety.wheel_limits import MAX_WHEEL_MPS2, Drive, limit_rate, limit_speed
 
 SPEEDS = st.builds(WheelSpeeds, st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))
 BROKEN = st.sampled_from((math.nan, math.inf, -math.inf))
@@ -50,6 +51,13 @@ def test_a_reversal_at_full_speed_is_not_free() -> None:
     fast = WheelSpeeds(MAX_WHEEL_MPS, MAX_WHEEL_MPS)
     back = limit_rate(WheelSpeeds(-MAX_WHEEL_MPS, MAX_WHEEL_MPS), fast, CONTROL_DT_S)
     assert back.left_mps == pytest.approx(MAX_WHEEL_MPS - MAX_WHEEL_MPS2 * CONTROL_DT_S)
+
+
+def test_a_cap_brakes_no_wheel_harder_than_its_rate() -> None:
+    """A quarter more than from rest to 0.3459 m/s in a tenth of a second."""
+    fast = WheelSpeeds(0.3, 0.3)
+    told = Drive(fast, fast, 0.02, Cap(0.0)).limited(0.5)
+    assert told == pytest.approx((0.3 - 0.02 * 4.32375,) * 2)
 
 
 @given(BROKEN)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from robot.camera.source import Frame
 from robot.geometry import Pose, WheelSpeeds
 from robot.lens import DUCKIEBOT_LENS, CameraRig
-from robot.vision.plausibility import PictureDoubts, Sight
+from robot.vision.plausibility import PictureDoubts, Sight, has_moved, shows_something
 from robot.vision.road_fit import Reading, RoadFit
 
 SHAPE = (120, 160, 3)
@@ -189,3 +189,39 @@ def test_where_a_road_lies_is_not_asked_of_a_floor_that_is_mere_white(light: flo
         picture = np.clip(light * passing(number, rng).astype(float), 0, 255).astype(np.uint8)
         sight = doubts.look(Frame(picture, number, 0.1 * number), None, AHEAD, 0.1 * number)
     assert bool(sight.wrong) is (light == 1.0)
+
+
+def test_a_doubt_ends_when_the_wheels_stand_and_is_not_taken_up_again_at_once() -> None:
+    doubts, rng, wrong = PictureDoubts(Liar()), np.random.default_rng(0), []
+    for number in range(50):
+        wheels = STILL if number == 30 else AHEAD
+        frame = Frame(passing(number, rng), number, 0.1 * number)
+        wrong.append(bool(doubts.look(frame, None, wheels, 0.1 * number).wrong))
+    assert wrong[29], "two seconds of it are enough"
+    assert wrong[30:36] == [False] * 6
+
+
+@pytest.mark.parametrize(("blocks", "moved"), [(29, False), (31, True)])
+def test_a_picture_has_moved_when_a_tenth_of_its_blocks_has(blocks: int, moved: bool) -> None:
+    before, now = np.zeros((120, 160), np.float32), np.zeros((120, 160), np.float32)
+    for k in range(blocks):
+        row, column = divmod(k, 20)
+        now[8 * row : 8 * row + 8, 8 * column : 8 * column + 8] = 20.0
+    assert has_moved(before, now) is moved
+
+
+@pytest.mark.parametrize(
+    ("levels", "alike", "shown"), [(1.9, 1.0, False), (2.1, 1.0, True), (9.0, 0.35, False)]
+)
+def test_two_levels_of_structure_that_is_found_again_are_something(
+    levels: float, alike: float, shown: bool
+) -> None:
+    """Of structures (15, 20), the middle of which, (13, 12), is looked for."""
+    one, other = np.random.default_rng(1).standard_normal((2, 15, 20))
+    middle = np.s_[1:-1, 4:-4]
+    one -= one[middle].mean()
+    other -= other[middle].mean()
+    other -= one * (one * other)[middle].sum() / (one**2)[middle].sum()
+    one, other = (levels * each / each[middle].std() for each in (one, other))
+    now = alike * one + math.sqrt(1.0 - alike**2) * other
+    assert shows_something(one.astype(np.float32), now.astype(np.float32)) is shown

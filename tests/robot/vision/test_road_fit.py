@@ -212,3 +212,27 @@ def test_one_mounting_must_explain_all_pictures() -> None:
         fits = np.tile([0.8, 0.6, 0.0], (3, 1))
         fits[turn % 3, 1] = 2.0
         assert verdict.add(fits) == ""
+
+
+def test_of_two_readings_that_fit_the_better_one_is_told() -> None:
+    slow = Reading("shifted", np.zeros(1), np.zeros(1), turns=40)
+    verdict = Verdict((*KINDS, slow))
+    assert [verdict.add(np.array([[0.0, 3.0, 0.0, 2.0]])) for _ in range(60)][-1] == "mirrored"
+
+
+MARGINS = {  # by which it must fit better, the share of its fit, and for so many turns
+    "mirrored": (0.55, 0.6, 20),
+    "upside down": (0.7, 0.6, 20),
+    "upside down and mirrored": (0.7, 0.6, 20),
+    "sheared": (0.75, 0.5, 20),
+    "shifted": (0.6, 0.5, 40),
+}
+
+
+def test_by_how_much_each_reading_must_fit_better(on_map: RoadFit, in_lane: RoadFit) -> None:
+    told = [(r.sentence, (r.margin, r.share, r.turns)) for r in on_map.readings[1:]]
+    assert {said: each for said, each in told if said != "rolled"} == MARGINS
+    rolled = [each for said, each in told if said == "rolled"]
+    assert rolled == [(0.7, 0.6, 20)] * 2 + [(0.75, 0.5, 60)] * 2
+    known = {reading.sentence for reading in in_lane.readings[1:]}
+    assert known == {*MARGINS} - {"shifted"}, "without a map it may be a bend"
