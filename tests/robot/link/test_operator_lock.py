@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
+import time
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.link.command_server import FORGOTTEN_S, HELD_S, OperatorLock
+from robot.link.command_client import CommandClient
+from robot.link.command_server import FORGOTTEN_S, HELD_S, CommandServer, OperatorLock
+from robot.link.keys import AllowList
 from robot.link.messages import KINDS
+from robot.link.sockets import Publisher, Subscriber
 
 
 def test_the_holder_alone_keeps_the_robot_driving() -> None:
@@ -23,6 +29,19 @@ def test_the_holder_alone_keeps_the_robot_driving() -> None:
     assert helm.age_s(12.1) == 0.0
     helm.done("ben", "arm", 12.1)
     assert "another operator" in helm.problem("ann", "arm", 12.2)
+
+
+def test_beside_the_holder_others_may_watch_plan_clear_and_stop_and_nothing_else() -> None:
+    helm = OperatorLock()
+    helm.heard("ann", 10.0)
+    helm.done("ann", "arm", 10.0)
+    may = {kind for kind in KINDS if not helm.problem("ben", kind, 10.1)}
+    assert may == {"beat", "stop", "disarm", "clear", "plan"}
+
+
+def test_ages_are_by_a_clock_that_nobody_sets() -> None:
+    for timed in (CommandServer, CommandClient, Publisher, Subscriber, AllowList):
+        assert inspect.signature(timed).parameters["clock"].default is time.monotonic
 
 
 @given(

@@ -197,3 +197,34 @@ def test_another_error_of_the_device_is_told(
     monkeypatch.setattr("robot.runtime.gamepad.os.read", broken)
     with pytest.raises(OSError, match="Input/output"):
         person.turn()
+
+
+def test_a_stick_at_rest_drives_nowhere_and_leaves_it_without_a_jump(person: Person) -> None:
+    person.press(START)
+    person.press(LB)
+    for pushed, least_mps, most_mps in ((2600, 0.0, 0.0), (3000, 0.001, 0.01), (32767, 0.3, 0.3)):
+        person.push(0, -pushed)
+        person.turn(3)
+        assert least_mps - 1e-6 <= person.bench.motors.wheels.left_mps <= most_mps + 1e-6
+    person.push(2600, 0)
+    person.turn(3)
+    assert person.bench.motors.wheels == STILL
+
+
+@pytest.mark.parametrize("code", [errno.ENODEV, errno.ENOENT, errno.ENXIO])
+def test_a_pad_that_is_gone_is_given_back_and_waited_for(
+    code: int, person: Person, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(*_: object) -> bytes:
+        raise OSError(code, os.strerror(code))
+
+    fd = person.device.fd
+    with monkeypatch.context() as patch:
+        patch.setattr("robot.runtime.gamepad.os.read", gone)
+        patch.setattr("robot.runtime.gamepad.os.open", gone)
+        person.turn(2)
+        assert person.pad.age_s() == float("inf")
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(fd)
+    person.turn()
+    assert person.pad.age_s() is None

@@ -105,6 +105,14 @@ def test_a_mission_that_may_not_start_has_failed() -> None:
     assert "DISARMED" in world.navigator.status.reason
 
 
+def test_a_mission_has_the_id_of_the_command_that_began_it() -> None:
+    world, server = driving(), FakeServer()
+    server.waiting = [command("mission", Mission(GOAL))]
+    RemoteOperator(server, world.navigator).serve(Asked())
+    assert world.navigator.status is not None
+    assert world.navigator.status.id == "1" * 16
+
+
 def test_a_mission_that_cannot_be_planned_asks_for_nothing() -> None:
     server, asked = FakeServer(), Asked()
     server.waiting = [command("mission", Mission((900.0, 900.0)))]
