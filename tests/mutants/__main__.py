@@ -38,6 +38,10 @@ TESTS = {
     "robot/link": ["tests/robot/link", "tests/robot/runtime/test_remote.py"],
     "robot/navigation": ["tests/robot/navigation"],
     "robot/inference": ["tests/robot/inference"],
+    "robot/runtime": ["tests/robot/runtime", "tests/robot/safety"],
+    "robot/recording": ["tests/robot/recording"],
+    "robot/vision": ["tests/robot/vision"],
+    "localizer_node": ["tests/localizer_node"],
     "sim_pybullet/tasks": [
         "tests/sim_pybullet/test_lane_keeping.py",
         "tests/sim_pybullet/test_navigation.py",

@@ -95,7 +95,8 @@ class Contest:
         bare = self.name == BARE and self.name != model
         path = Path(model if bare else self.name)
         if not path.exists():
-            raise ConfigError(f"{path}: expected a policy, .onnx, expert or stand; no such file")
+            others = "" if bare else ", expert or stand"
+            raise ConfigError(f"{path}: expected a policy, .onnx{others}; no such file")
         policy = open_policy(path, "lane")
         if bare or poses != "sight":
             return Pilot(policy) if bare else Governed(policy, poses)
