@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Optional, Protocol, Sequence, Tuple
 
 from robot.errors import ConfigError
-from robot.safety.road_ahead import AtJunction, Light, RoadAhead
+from robot.safety.road_ahead import AtJunction, RoadAhead
 
 NOSE_M = 0.066  # of the robot, before its axle
 
@@ -105,12 +105,12 @@ class StopLines:
 
 @dataclass(frozen=True)
 class Lights:
-    """Stand before the line while its light is red. A green one spares nobody the look around."""
+    """Stand before the line while its light is red. Otherwise all look around as ever."""
 
     def after(self, road: Road) -> Tuple[Lights, Cap]:
         """See `Rule`."""
         left_m = road.ahead.line_m
-        if road.ahead.light is not Light.RED or left_m is None or left_m < _BEHIND_M:
+        if not road.ahead.red_light or left_m is None or left_m < _BEHIND_M:
             return self, Cap()
         most_mps = (left_m - _STOP_M) / _BRAKE_S
         return self, Cap(most_mps if left_m > _STOP_M + _AT_M else 0.0, "the light is red")
@@ -197,15 +197,12 @@ class FirstCome:
         if at is None or at.own.inside:
             return FirstCome(), Cap()
         inside = [other.name for other in at.others if other.inside]
-        if road.ahead.light is Light.RED or inside:
+        if road.ahead.red_light or inside:
             return FirstCome(), _STAND if all(inside) else _UNTOLD
-        others = at.others
-        if road.ahead.light is Light.GREEN:  # who waits on either side has a red one
-            others = tuple(o for o in others if (o.arm - at.own.arm) % 2 == 0)
         # Of two the lower name never waits since later than the other, so their turns stay apart.
-        lower = sum(other.name < at.own.name for other in others)
+        lower = sum(other.name < at.own.name for other in at.others)
         quiet_s = road.now_s if self.quiet_s is None or lower > self.lower else self.quiet_s
-        turn = all(_lets(other, at.own) for other in others)
+        turn = all(_lets(other, at.own) for other in at.others)
         if not turn and road.now_s - quiet_s < QUIET_S * (1 + lower):
             return FirstCome(quiet_s, None, lower), _STAND
         look_s = road.now_s if self.look_s is None else self.look_s

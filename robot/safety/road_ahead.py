@@ -5,18 +5,9 @@ Pictures or overhead poses fill it in; a rule never sees either.
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 from typing import Optional, Tuple
 
 from robot.errors import ContractError
-
-
-class Light(Enum):
-    """What the traffic light of the own lane shows; NONE where there is none, or none is told."""
-
-    NONE = "none"
-    RED = "red"
-    GREEN = "green"
 
 
 @dataclass(frozen=True)
@@ -55,7 +46,7 @@ class RoadAhead:
     free_sigma_m: float = 0.0
     coming_mps: float = 0.0
     line_m: Optional[float] = None  # from the nose to the next red line; None: none is known
-    light: Light = Light.NONE  # at that line
+    red_light: bool = False  # at that line; False where none is told, too
     junction: Optional[Junction] = None
 
     def __post_init__(self) -> None:

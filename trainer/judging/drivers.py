@@ -16,7 +16,7 @@ from robot.navigation.neighbours import AHEAD_M, DUCK, Neighbours
 from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch, WaySeen
 from robot.safety.governors import FirstCome, KeepApart, Lights, Road, Rule, StopLines, govern
-from robot.safety.road_ahead import Light, RoadAhead
+from robot.safety.road_ahead import RoadAhead
 from robot.safety.wheel_limits import Drive
 from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.batch import BatchWorld, Observation
@@ -162,8 +162,8 @@ class Governed(Pilot):
             neighbours.hear(heard[group], now_s)
             here = Pose(*believed[i].tolist())
             ahead = watch.look(now_s, robot.driven_m, (here, 0.0), ways_m[i])
-            light = Light.RED if red[group, place] else Light.NONE
-            shares[i] = robot.slowed(shares[i], now_s, replace(ahead, light=light))
+            ahead = replace(ahead, red_light=bool(red[group, place]))
+            shares[i] = robot.slowed(shares[i], now_s, ahead)
         return shares
 
     def _messages(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
 from robot.safety.governors import Cap, KeepApart, Lights, Road, StopLines, govern
-from robot.safety.road_ahead import Light, RoadAhead
+from robot.safety.road_ahead import RoadAhead
 from robot.safety.wheel_limits import Drive
 
 FREE = math.inf
@@ -364,16 +364,19 @@ def test_no_way_and_no_number_are_no_way(free_m: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("light", "line_m", "most_mps"),
+    ("red", "line_m", "most_mps"),
     [
-        *[(Light.RED, 0.35, 0.6), (Light.RED, 0.05, 0.0), (Light.RED, -0.05, FREE)],
-        *[(Light.GREEN, 0.05, FREE), (Light.NONE, 0.05, FREE), (Light.RED, None, FREE)],
+        (True, 0.35, 0.6),
+        (True, 0.05, 0.0),
+        (True, -0.05, FREE),
+        (True, None, FREE),
+        (False, 0.05, FREE),
     ],
 )
 def test_a_red_light_holds_before_its_line_and_no_other_does(
-    light: Light, line_m: Optional[float], most_mps: float
+    red: bool, line_m: Optional[float], most_mps: float
 ) -> None:
-    seen = RoadAhead(line_m=line_m, light=light)
+    seen = RoadAhead(line_m=line_m, red_light=red)
     assert Lights().after(Road(0.0, 0.0, 0.3, seen))[1].most_mps == pytest.approx(most_mps)
 
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.safety.governors import Cap, FirstCome, Road
-from robot.safety.road_ahead import AtJunction, Junction, Light, RoadAhead
+from robot.safety.road_ahead import AtJunction, Junction, RoadAhead
 from tests.thorough import THOROUGH, count
 
 TURN_S, LATE_TURNS = 0.1, 4  # so late robots see each other
@@ -173,15 +173,15 @@ def test_one_that_never_goes_holds_nobody_up_for_ever_and_one_inside_does() -> N
         assert (most_mps > 0.0) is goes
 
 
-@pytest.mark.parametrize(("light", "goes"), [(Light.RED, False), (Light.GREEN, True)])
-def test_at_a_light_who_has_green_waits_for_nobody_beside(light: Light, goes: bool) -> None:
-    at = Junction(AtJunction(0, 5.0, "b"), (AtJunction(1, 0.0, "a"), AtJunction(3, 0.0, "c")))
+@pytest.mark.parametrize("red", [True, False])
+def test_at_a_red_light_who_came_first_waits(red: bool) -> None:
+    at = Junction(AtJunction(0, 5.0, "b"), (AtJunction(1, 9.0, "a"), AtJunction(3, 9.0, "c")))
     rule, most_mps = FirstCome(), 0.0
     for k in range(30):
-        ahead = RoadAhead(light=light, junction=at)
+        ahead = RoadAhead(red_light=red, junction=at)
         rule, cap = rule.after(Road(5.0 + TURN_S * k, 0.0, 0.0, ahead))
         most_mps = cap.most_mps
-    assert (most_mps > 0.0) is goes
+    assert (most_mps > 0.0) is not red
 
 
 def looks_after_s(turns: Sequence[Tuple[AtJunction, ...]]) -> float:
