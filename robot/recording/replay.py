@@ -41,7 +41,6 @@ class Replayed:
     decisions: int = 0
     close: int = 0  # decided otherwise where two actions were worth the same within rounding
     worst: float = 0.0  # greatest deviation of a value
-    least_margin: float = float("inf")  # of the best action over the second
     differences: List[Difference] = field(default_factory=list)
 
 
@@ -87,7 +86,6 @@ def _decision(made: Replayed, policy: Policy, turn: Turn, image: Optional[np.nda
     off, margin = float(np.abs(values - recorded).max()), turn.margin or 0.0
     made.decisions += 1
     made.worst = max(made.worst, off)
-    made.least_margin = min(made.least_margin, margin)
     allowed = 0.0 if made.exact else TOLERANCE * max(1.0, float(np.abs(recorded).max()))
     if off > allowed:
         return [f"values {list(turn.values)} came out as {values.tolist()}"]

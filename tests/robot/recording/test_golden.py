@@ -23,7 +23,8 @@ def test_the_golden_drive_is_decided_as_it_was() -> None:
     assert found.differences == []
     assert found.decisions == found.turns >= 30
     assert found.close == 0
-    assert found.least_margin > 4.0 * TOLERANCE
+    margins = [turn.margin for turn, _ in read_turns(GOLDEN) if turn.values is not None]
+    assert min(margin or 0.0 for margin in margins) > 4.0 * TOLERANCE
     actions = {turn.action for turn, _ in read_turns(GOLDEN)}
     assert len(actions) >= 3
     states = {turn.state for turn, _ in read_turns(GOLDEN)}
