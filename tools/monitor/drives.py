@@ -175,14 +175,10 @@ def write_marks(folder: Path, name: str, pieces: Sequence[Piece]) -> None:
 
 
 def _began(folder: Path, name: str) -> tuple[Path, float]:
-    path = _path(folder, name)
+    expect_one_of("drive", name, [path.name[: -len(SUFFIX)] for path in folder.glob(f"*{SUFFIX}")])
+    path = folder / f"{name}{SUFFIX}"
     first = next(entries(path, topics.TELEMETRY), None)
     return path, 0.0 if first is None else first.time_s
-
-
-def _path(folder: Path, name: str) -> Path:
-    expect_one_of("drive", name, [path.name[: -len(SUFFIX)] for path in folder.glob(f"*{SUFFIX}")])
-    return folder / f"{name}{SUFFIX}"
 
 
 @contextmanager
