@@ -29,7 +29,6 @@ QUALITY = 9.5  # of 10
 KEYS_EVERY = 5  # pictures: a training jumps about in the video
 WHEELS = ["left_mps", "right_mps"]
 BROKEN = FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError
-BROKEN += (RecursionError,)
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -76,7 +75,7 @@ def from_dataset(dataset: Path, out: Path) -> list[Path]:
             names = [path.name for path in _write_drives(dataset, info, folder)]
             if not names:
                 raise ValueError("no episode")
-    except BROKEN as error:
+    except (*BROKEN, RecursionError) as error:
         told = f"{dataset}: expected a whole LeRobot dataset v3.0 of two wheels, got: {error}"
         raise error if isinstance(error, ConfigError) else ConfigError(told) from error
     return [out / name for name in names]

@@ -27,6 +27,7 @@ from robot.navigation.path import Path as LanePath
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder, expect_writable, write_json
+from robot.recording.drive_file import picture
 from robot.typed_config import read_json
 from robot.vision.sight import OnnxSight
 from tools.loop.bench import Bench, BenchOptions
@@ -198,8 +199,7 @@ def take_picture(film: DriveFilm, bench: Bench) -> None:
 def moment(bench: Bench) -> Moment:
     """The newest report and picture that reached the page, beside the true pose."""
     operator = bench.operator
-    encoded = np.frombuffer(operator.picture, np.uint8)
-    seen = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR))[..., ::-1]
+    seen = picture(operator.picture)
     robot, mission = operator.robot, operator.mission
     believed = Pose(*robot["pose"]) if robot.get("pose") else None
     note = f"{mission['remaining_m']:.1f} m to drive" if mission else ""
