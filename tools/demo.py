@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 FILE = Path(__file__).with_name("demo.yaml")
 NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
-COMMAND = Command("tools.demo:demo_command", "train, export, judge and drive, in minutes")
-main = partial(run, COMMAND, prog="python -m tools.demo")
+main = partial(run, Command("tools.demo:demo_command"), prog="python -m tools.demo")
 
 
 @dataclass(frozen=True)
@@ -83,8 +82,7 @@ def show(metrics: dict[str, Any], out: Path, console: "Console") -> None:
     from rich.table import Table
 
     table = Table(title="duckpilot demo", show_header=False)
-    for name in [*metrics][2:]:
-        value = metrics[name]
+    for name, value in [*metrics.items()][2:]:
         told = ", ".join(value) if isinstance(value, list) else value
         shown = f"{told:.4g}" if isinstance(told, float) else str(told)
         table.add_row(name.replace("_", " "), shown)

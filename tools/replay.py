@@ -12,8 +12,7 @@ from robot.recording.replay import replay
 from trainer.cli import Command, run
 
 SHOWN = 20
-COMMAND = Command("tools.replay:replay_command", "decide a recorded drive again, and compare")
-main = partial(run, COMMAND, prog="python -m tools.replay")
+main = partial(run, Command("tools.replay:replay_command"), prog="python -m tools.replay")
 
 
 def replay_command(recording: Positional[Path], model: Path | None = None) -> int:

@@ -49,7 +49,7 @@ class Command:
     """Where a command is, and what it is for."""
 
     place: str  # module:function
-    purpose: str
+    purpose: str = ""  # told where there are several
 
 
 Group = Mapping[str, "Command | Group"]

@@ -5,8 +5,7 @@ from functools import partial
 
 from trainer.cli import Command, run
 
-COMMAND = Command("tools.faults.cli:faults_command", "meet every fault on virtual hardware")
-main = partial(run, COMMAND, prog="python -m tools.faults")
+main = partial(run, Command("tools.faults.cli:faults_command"), prog="python -m tools.faults")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,7 @@ from functools import partial
 
 from trainer.cli import Command, run
 
-COMMAND = Command("tools.loop.cli:loop_command", "drive missions or laps on virtual hardware")
-main = partial(run, COMMAND, prog="python -m tools.loop")
+main = partial(run, Command("tools.loop.cli:loop_command"), prog="python -m tools.loop")
 
 
 if __name__ == "__main__":

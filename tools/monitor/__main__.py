@@ -5,8 +5,7 @@ from functools import partial
 
 from trainer.cli import Command, run
 
-COMMAND = Command("tools.monitor.cli:monitor_command", "the operator's page in the browser")
-main = partial(run, COMMAND, prog="python -m tools.monitor")
+main = partial(run, Command("tools.monitor.cli:monitor_command"), prog="python -m tools.monitor")
 
 
 if __name__ == "__main__":
