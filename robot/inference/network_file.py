@@ -1,7 +1,7 @@
 """An ONNX file as a network: loaded, its metadata read, its inputs and outputs compared."""
 
 from pathlib import Path
-from typing import Any, Generic, Iterable, NamedTuple, Tuple, Type, TypeVar, Union
+from typing import Any, Generic, NamedTuple, Tuple, Type, TypeVar, Union
 
 import numpy as np
 
@@ -89,8 +89,10 @@ class Network(Generic[T]):
             got = {node.name: Tensor(node.name, node.type, tuple(node.shape)) for node in nodes}
             same = set(got) == {tensor.name for tensor in expected}
             if not (same and all(tensor.fits(got[tensor.name]) for tensor in expected)):
-                told = f"expected {role} {_told(expected)}, got {_told(got.values())}"
-                raise ContractError(f"{self.path}: {told}; {self._remedy}")
+                wanted, found = ("; ".join(map(str, some)) for some in (expected, got.values()))
+                raise ContractError(
+                    f"{self.path}: expected {role} {wanted}, got {found or 'none'}; {self._remedy}"
+                )
 
     def answer(self, pictures: np.ndarray, **others: np.ndarray) -> np.ndarray:
         """The output for pictures (N, H, W, 3 frames) uint8 RGB; ContractError for others."""
@@ -106,7 +108,3 @@ class Network(Generic[T]):
         except Exception as error:  # of onnxruntime's, which share no base class
             told = f"expected an answer, got: {str(error).strip()}; {self._remedy}"
             raise ContractError(f"{self.path}: {told}") from error
-
-
-def _told(tensors: Iterable[Tensor]) -> str:
-    return "; ".join(map(str, tensors)) or "none"

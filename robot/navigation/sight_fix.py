@@ -60,7 +60,8 @@ class SightFix:
         innovation, design, noise = _empty(len(asked), 3)
         error = self.fusion.seen_error()
         for i, road in self._roads(asked, poses):
-            along, left = _directions(road)
+            c, s = math.cos(road.along_rad), math.sin(road.along_rad)
+            along, left = np.array(((c, s), (-s, c)))
             expected = np.array((road.offset_m, road.heading_rad, road.curvature_pm))
             expected[:2] += error[i, :2]
             innovation[i] = seen.figures[i, :3] - expected
@@ -86,8 +87,9 @@ class SightFix:
         for i, road in self._roads(asked, poses):
             seen_m = float(seen.figures[i, 3])
             if math.isfinite(road.line_m) and near <= seen_m <= far:
+                along = np.array((math.cos(road.along_rad), math.sin(road.along_rad)))
                 innovation[i] = seen_m - scales[i] * road.line_m
-                design[i, 0, :2] = -scales[i] * _directions(road)[0]
+                design[i, 0, :2] = -scales[i] * along
                 design[i, 0, SEEN_LINE] = road.line_m
                 noise[i] = _WIDER * (seen.deviations[i, 3] ** 2 + _LEAST[3] ** 2)
         return innovation, design, noise
@@ -98,12 +100,6 @@ class SightFix:
             road = self.views[i].at(*poses[i].tolist())
             if road is not None and not (road.in_junction and abs(road.heading_rad) > _ASKEW_RAD):
                 yield i, road
-
-
-def _directions(road: LaneAhead) -> Tuple[np.ndarray, np.ndarray]:
-    """Along the lane, and to its left."""
-    c, s = math.cos(road.along_rad), math.sin(road.along_rad)
-    return np.array((c, s)), np.array((-s, c))
 
 
 def _empty(count: int, figures: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
