@@ -27,10 +27,9 @@ from robot.link.command_server import CommandServer
 from robot.link.messages import FrameMessage, PosesMessage, Reading, Telemetry
 from robot.link.sockets import Link
 from robot.link.wire import tidy_text
-from robot.navigation.company import Company, Reports
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import MissionNavigator
-from robot.navigation.neighbours import Neighbours
+from robot.navigation.neighbours import Company, Neighbours, Reports
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
 from robot.navigation.road_watch import LaneWatch, RoadWatch, WaySeen

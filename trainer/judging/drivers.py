@@ -10,9 +10,8 @@ from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, ImageSpec
 from robot.geometry import STILL, Pose, WheelSpeeds, wrap_angle
 from robot.inference.preprocess import preprocess_batch
 from robot.link.messages import FAR_M, Belief, PoseMessage, Telemetry
-from robot.navigation.company import Company
 from robot.navigation.lane_view import LaneView
-from robot.navigation.neighbours import AHEAD_M, DUCK, Neighbours
+from robot.navigation.neighbours import AHEAD_M, DUCK, Company, Neighbours
 from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch, WaySeen
 from robot.safety.governors import FirstCome, KeepApart, Lights, Road, Rule, StopLines, govern

@@ -11,8 +11,8 @@ import pytest
 
 from robot.geometry import Pose
 from robot.link.messages import Belief, PoseMessage, Telemetry
-from robot.navigation.company import Company
 from robot.navigation.lane_view import LaneView
+from robot.navigation.neighbours import Company
 from robot.navigation.road_watch import RoadWatch
 from tests.robot.navigation.test_neighbours import (
     HALF_DUCK_M,
