@@ -132,9 +132,8 @@ def edit_yaml(path: Path, values: Values) -> List[str]:
         lines = ", ".join(f"{'.'.join(keys)}: {value}" for keys, value in values.items())
         raise ConfigError(f"{path}: its layout is beyond me; write there yourself: {lines}")
     write_text(path, text)
-    changes = [(keys, _at(before, keys), _at(after, keys)) for keys in values]
-    told = [(".".join(keys), _shown(old), _shown(new)) for keys, old, new in changes if old != new]
-    return [f"{name}: {old} -> {new}" for name, old, new in told]
+    changes = [(".".join(keys), _at(before, keys), _at(after, keys)) for keys in values]
+    return [f"{name}: {_shown(old)} -> {_shown(new)}" for name, old, new in changes if old != new]
 
 
 def _with_section(text: str, name: str, content: Any) -> str:
