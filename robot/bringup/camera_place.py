@@ -60,12 +60,10 @@ def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Fre
         used = 5 if freedom.height_m is not None else 6
         place[: used - 3] += p[3:used]
         scale = math.exp(float(np.clip(p[used], -3.0, 3.0))) if freedom.focal else 1.0
-        used += freedom.focal
-        k = list(start_lens.distortion)
-        for i in range(freedom.distortion):
-            k[i] += float(p[used + i])
+        k = np.array(start_lens.distortion, dtype=float)
+        k[: freedom.distortion] += p[used + freedom.focal :]
         fx, fy = float(start_lens.fx_px * scale), float(start_lens.fy_px * scale)
-        return replace(start_lens, fx_px=fx, fy_px=fy, distortion=tuple(k)), turn, place
+        return replace(start_lens, fx_px=fx, fy_px=fy, distortion=tuple(k.tolist())), turn, place
 
     def residual(p: np.ndarray) -> np.ndarray:
         a_lens, turn, place = camera(p)
