@@ -11,7 +11,7 @@ from typing import Tuple, Union
 
 import numpy as np
 
-from robot.errors import ConfigError, expect_between, nearest
+from robot.errors import ConfigError, expect_between, expect_one_of
 
 MODELS = ("pinhole", "plumb_bob", "fisheye")
 
@@ -34,9 +34,8 @@ class Lens:
     distortion: Tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        valid = {"pinhole": (0,), "plumb_bob": (4, 5), "fisheye": (4,)}.get(self.model)
-        if valid is None:
-            raise ConfigError(f"lens model: unknown {self.model!r}; {nearest(self.model, MODELS)}")
+        expect_one_of("lens model", self.model, MODELS)
+        valid = {"pinhole": (0,), "plumb_bob": (4, 5), "fisheye": (4,)}[self.model]
         got = len(self.distortion)
         if got not in valid:
             raise ConfigError(f"{self.model} lens: expected {valid} coefficients, got {got}")

@@ -106,12 +106,11 @@ class MissionNavigator:
 
     def put(self, pose: Pose) -> None:
         """A person says where the robot stands, to 10 cm and 20 degrees; PlanError where not."""
-        tile = self._road_map.tile_at(pose.x_m, pose.y_m)
         if self._finding is None:
             raise PlanError("expected a robot with sight; only a localizer tells where this is")
         if self._driving:
             raise PlanError("expected a robot that stands, it drives")
-        if tile is None or not tile.is_road:
+        if not self._road_map.on_road(pose.x_m, pose.y_m):
             raise PlanError("expected a place on the road, that is beside it")
         self._fusion.put(np.arange(1), np.array([pose]), WORD)
         self._finding.learned, self._finding.strange = False, 0.0
