@@ -9,10 +9,10 @@ import numpy as np
 
 from robot.bringup.camera_place import Freedom, fit_camera
 from robot.camera.files import picture_files, read_picture
+from robot.camera.source import open_stream
 from robot.config import CameraConfig
 from robot.errors import ConfigError
 from robot.lens import CameraRig, Lens, Mount
-from robot.runtime.assemble import open_stream
 
 COLUMNS, ROWS = 8, 5  # squares; one even and one odd number, so that it has one way up only
 SQUARE_M = 0.03

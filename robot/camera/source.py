@@ -16,6 +16,7 @@ import numpy as np
 
 from robot.computer.local_socket import connect_local, receive_exactly
 from robot.computer.threads import Worker
+from robot.config import CameraConfig
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.errors import ContractError, HardwareError
 
@@ -56,6 +57,7 @@ def fit_to_frame(picture: np.ndarray) -> np.ndarray:
     return cv2.resize(middle, (FRAME_WIDTH_PX, FRAME_HEIGHT_PX), interpolation=cv2.INTER_AREA)
 
 
+CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
 FIRST_WAIT_S = 0.5  # before opening again; doubles up to
 LONGEST_WAIT_S = 8.0
 ODD_WAIT_S = 0.01  # a stream of odd pictures must not keep a processor busy
@@ -310,3 +312,12 @@ class GstStream:
         self._last_words.seek(max(0, self._last_words.seek(0, os.SEEK_END) - LAST_WORDS_BYTES))
         text = self._last_words.read().decode("utf-8", "replace").strip()
         return f"it said: {text}" if text else "it said nothing"
+
+
+def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
+    """The configured camera's pictures, one after the other; HardwareError: it does not open."""
+    if config.kind == "v4l2":
+        return V4l2Stream(config.number, size_px, config.fps)
+    if config.kind == "socket":
+        return SocketStream(config.path, (FRAME_WIDTH_PX, FRAME_HEIGHT_PX))
+    return GstStream(csi_command(config.number, config.flip, config.fps, size_px), size_px)

@@ -11,10 +11,10 @@ from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from robot.camera.source import CAPTURE_PX, open_stream
 from robot.computer.health import readings
 from robot.config import CameraConfig
 from robot.hat.bus import SmbusBus
-from robot.runtime.assemble import CAPTURE_PX, open_stream
 
 CONNECT_S = 1.0
 

@@ -5,19 +5,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Callable, ContextManager, Iterator, List, Optional, Tuple
 
-from robot.camera.source import (
-    Camera,
-    GstStream,
-    NewestFrame,
-    SocketStream,
-    Stream,
-    V4l2Stream,
-    csi_command,
-)
+from robot.camera.source import CAPTURE_PX, Camera, NewestFrame, open_stream
 from robot.computer.clock import MonotonicClock
 from robot.computer.health import Health
-from robot.config import CameraConfig, RobotConfig
-from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
+from robot.config import RobotConfig
+from robot.contract import PolicyContract
 from robot.errors import ConfigError
 from robot.hat.thread import MotorThread, motors_on, own_bus
 from robot.inference.policy import open_policy
@@ -45,9 +37,6 @@ from robot.safety.state_machine import Safety, State
 from robot.vision.plausibility import PictureDoubts
 from robot.vision.road_fit import RoadFit
 from robot.vision.sight import Glimpse, OnnxSight
-
-FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
-CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
 
 
 @contextmanager
@@ -106,15 +95,6 @@ def open_robot(
         )
         stack.enter_context(watchdog)
         yield runtime
-
-
-def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
-    """The configured camera's pictures, one after the other; HardwareError: it does not open."""
-    if config.kind == "v4l2":
-        return V4l2Stream(config.number, size_px, config.fps)
-    if config.kind == "socket":
-        return SocketStream(config.path, FRAME_PX)
-    return GstStream(csi_command(config.number, config.flip, config.fps, size_px), size_px)
 
 
 def open_navigator(

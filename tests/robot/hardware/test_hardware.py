@@ -12,7 +12,7 @@ from typing import Callable, Iterator, List
 import numpy as np
 import pytest
 
-from robot.camera.source import Camera, Frame, NewestFrame
+from robot.camera.source import CAPTURE_PX, Camera, Frame, NewestFrame, open_stream
 from robot.computer.clock import MonotonicClock
 from robot.config import RobotConfig
 from robot.geometry import WheelSpeeds
@@ -20,7 +20,6 @@ from robot.hat.bus import FULL, Pca9685, channel_register, open_bus
 from robot.hat.driver import WAKE_S
 from robot.hat.thread import MotorThread, real_motors
 from robot.inference.preprocess import FRAME_SHAPE, check_frame
-from robot.runtime.assemble import CAPTURE_PX, open_stream
 
 SPEED_MPS = 0.1
 DRIVE_S = 1.0

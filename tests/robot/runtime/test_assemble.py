@@ -14,7 +14,7 @@ from typing import Callable, Dict, Iterator, List, Optional
 import numpy as np
 import pytest
 
-from robot.camera.source import Frame, NewestFrame
+from robot.camera.source import CAPTURE_PX, Frame, NewestFrame, open_stream
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.contract import DRIVE
 from robot.errors import ConfigError, HardwareError
@@ -35,7 +35,7 @@ from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.recording import topics
 from robot.recording.reader import entries
-from robot.runtime.assemble import CAPTURE_PX, open_robot, open_stream
+from robot.runtime.assemble import open_robot
 from robot.runtime.loop import Runtime
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.governors import Rules
