@@ -45,12 +45,11 @@ class LaneView:
 
     def __init__(self, road_map: RoadMap) -> None:
         self.road_map = road_map
-        tiles = road_map.tiles
-        lanes = [e for e in road_map.lanes if not tiles[e.tile_row][e.tile_column].is_junction]
+        lanes = [lane for lane in road_map.lanes if not lane.tile.is_junction]
         begins = {border_point(e.control_points_m[0], road_map.tile_size_m): e for e in lanes}
         self._index = LaneIndex(lanes)
         self._chains = [self._follow(lane, begins) for lane in lanes]
-        self.junctions = any(tile.is_junction for row in tiles for tile in row)  # has the map any
+        self.junctions = any(tile.is_junction for tile in road_map.road_tiles)  # has the map any
 
     def at(self, x_m: float, y_m: float, heading_rad: float) -> Optional[LaneAhead]:
         """The road before a pose; None beside it, or where none leads within 90 degrees."""
@@ -140,13 +139,13 @@ class LaneView:
         headings: List[np.ndarray] = []
         follows: Optional[Lane] = lane
         while follows is not None and not kind and length_m < _REACH_M:
-            control, tile = follows.control_points_m, (follows.tile_row, follows.tile_column)
+            control = follows.control_points_m
             steps_m = np.hypot(*np.diff(bezier_points(control, t), axis=0).T)
             arcs_m.append(length_m + np.concatenate(([0.0], np.cumsum(steps_m))))
             headings.append(np.arctan2(*bezier_tangents(control, t).T[::-1]))
             length_m = float(arcs_m[-1][-1])
             quarter = round(float(headings[-1][-1]) / (0.5 * math.pi)) % 4
-            kind = self._beyond(self.road_map.tiles[tile[0]][tile[1]], quarter)
+            kind = self._beyond(follows.tile, quarter)
             follows = begins.get(border_point(control[3], self.road_map.tile_size_m))
         line_m = length_m if kind else math.inf
         return _Chain(np.concatenate(arcs_m), np.unwrap(np.concatenate(headings)), line_m, kind)

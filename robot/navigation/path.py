@@ -14,7 +14,7 @@ import numpy as np
 from robot.contract import PATH_ANGLE_LIMIT_RAD, PATH_POINTS
 from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
-from robot.navigation.road_map import Lane, RoadMap, border_point
+from robot.navigation.road_map import Lane, RoadMap, Tile, border_point
 
 SPACING_M = 0.02
 MAX_GAP_M = 0.02  # between the end of one Bezier and the start of the next
@@ -251,11 +251,10 @@ def lane_loop(road_map: RoadMap, outer: bool = True) -> Path:
             f"{road_map.name}: expected a closed ring of road, but every lane leads off the road; "
             "use a ring such as the shipped map loop"
         )
-    rings: Dict[FrozenSet[Tuple[int, int]], List[Path]] = {}  # both lanes, by their tiles
+    rings: Dict[FrozenSet[Tile], List[Path]] = {}  # both lanes, by their tiles
     for loop in loops:
-        tiles = frozenset((lane.tile_row, lane.tile_column) for lane in loop)
         path = Path.from_beziers([lane.control_points_m for lane in loop], closed=True)
-        rings.setdefault(tiles, []).append(path)
+        rings.setdefault(frozenset(lane.tile for lane in loop), []).append(path)
     both = max(rings.values(), key=lambda paths: max(path.length_m for path in paths))
     return (max if outer else min)(both, key=lambda path: path.length_m)
 

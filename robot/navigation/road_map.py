@@ -116,8 +116,7 @@ _CURVES: Dict[str, Tuple[Curve, ...]] = {
 class Lane:
     """One lane through one tile: the control points of its centre line, in driving direction."""
 
-    tile_row: int
-    tile_column: int
+    tile: Tile
     control_points_m: np.ndarray  # (4, 2), world frame
 
     def pose_at(self, t: float) -> Pose:
@@ -139,7 +138,7 @@ def tile_lanes(tile: Tile, tile_size_m: float, rows: int) -> Tuple[Lane, ...]:
     turned = [
         np.array(curve) @ np.linalg.matrix_power(_LEFT, k) for k in every for curve in _CURVES[kind]
     ]
-    return tuple(Lane(tile.row, tile.column, (curve + centre) * tile_size_m) for curve in turned)
+    return tuple(Lane(tile, (curve + centre) * tile_size_m) for curve in turned)
 
 
 def border_point(point_m: np.ndarray, tile_size_m: float) -> Tuple[int, int]:

@@ -58,10 +58,9 @@ def road_paint(road_map: RoadMap) -> RoadPaint:
     for tile in road_map.road_tiles:
         _fill(known, (0.0, 0.0, 1.0, 1.0), tile, road_map, 255)
     for lane in road_map.lanes:
-        tile = road_map.tiles[lane.tile_row][lane.tile_column]
-        if not tile.is_junction:
+        if not lane.tile.is_junction:
             _draw(yellow, lane, YELLOW_TILES * road_map.tile_size_m, YELLOW_M)
-        if not tile.is_junction or _has_edge(lane, tile):
+        if not lane.tile.is_junction or _has_edge(lane):
             _draw(white, lane, WHITE_TILES * road_map.tile_size_m, WHITE_M)
     for tile in road_map.road_tiles:
         for side in tile.road_sides if tile.is_junction else ():
@@ -82,7 +81,7 @@ def _draw(plane: np.ndarray, lane: Lane, left_m: float, width_m: float) -> None:
     cv2.polylines(plane, [fixed], False, 255, max(1, round(width_m / TEXEL_M)), cv2.LINE_AA, _SHIFT)
 
 
-def _has_edge(lane: Lane, tile: Tile) -> bool:
+def _has_edge(lane: Lane) -> bool:
     """Whether a lane through a junction has a line on its right: a corner, or the closed side."""
     begin, end = np.diff(lane.control_points_m, axis=0)[[0, 2]]
     heading_rad = math.atan2(begin[1], begin[0])
@@ -90,7 +89,7 @@ def _has_edge(lane: Lane, tile: Tile) -> bool:
     if abs(turn_rad) > 0.25 * math.pi:
         return turn_rad < 0.0
     # The side to the right of a lane that runs east is the south one.
-    return ORIENTATIONS[round(heading_rad / (0.5 * math.pi)) % 4] not in tile.road_sides
+    return ORIENTATIONS[round(heading_rad / (0.5 * math.pi)) % 4] not in lane.tile.road_sides
 
 
 def _fill(plane: np.ndarray, box: Tuple[float, ...], tile: Tile, road: RoadMap, value: int) -> None:

@@ -25,7 +25,7 @@ def manoeuvres(road_map: RoadMap) -> tuple[Path, ...]:
     turns_rad = [abs(float(wrap_angle(nodes_rad[b] - nodes_rad[a]))) for a, b in graph.lane_nodes]
     found: dict[bool, list[Path]] = {False: [], True: []}  # by whether it is a junction
     for lane, (start, end) in enumerate(graph.lane_nodes):
-        tile = road_map.tiles[graph.lanes[lane].tile_row][graph.lanes[lane].tile_column]
+        tile = graph.lanes[lane].tile
         into = [k for k, (_, after) in enumerate(graph.lane_nodes) if after == start]
         out = [k for k, (before, _) in enumerate(graph.lane_nodes) if before == end]
         if tile.kind != "straight" and into and out:

@@ -68,7 +68,7 @@ class RandomRoutes:
         self._graph = LaneGraph(road_map)
         self._shortest_m = SHORTEST_TILES * road_map.tile_size_m
         # Tiles are equally likely, not lanes: a crossing has twelve of them, a straight road two.
-        tiles = [(lane.tile_row, lane.tile_column) for lane in self._graph.lanes]
+        tiles = [lane.tile for lane in self._graph.lanes]
         lanes_of = Counter(tiles)
         shares = np.array([1.0 / lanes_of[tile] for tile in tiles])
         shares[list(self._graph.closed)] = 0.0  # nobody begins or ends beside a thing

@@ -86,8 +86,7 @@ class Lonely:
 
     def anywhere(self) -> Pose:
         """On a lane, not in a junction."""
-        tiles = self.road_map.tiles
-        lanes = [e for e in self.road_map.lanes if not tiles[e.tile_row][e.tile_column].is_junction]
+        lanes = [e for e in self.road_map.lanes if not e.tile.is_junction]
         return lanes[int(self.rng.integers(len(lanes)))].pose_at(float(self.rng.uniform(0.1, 0.9)))
 
     def turn(self) -> Tick:

@@ -24,7 +24,7 @@ from robot.errors import ConfigError, ContractError
 from robot.link.messages import Mission
 from robot.link.wire import plain, tidy_text
 from robot.navigation.map_objects import objects_of
-from robot.navigation.road_map import Lane, RoadMap
+from robot.navigation.road_map import Lane, RoadMap, Tile
 from robot.recording.reader import Piece
 from tools.monitor.access import AccessGate
 from tools.monitor.drives import list_drives, read_drive, read_marks, read_picture, write_marks
@@ -251,9 +251,9 @@ def draw_map(road_map: RoadMap) -> dict[str, Any]:
 
 
 def _centre_lines(lanes: tuple[Lane, ...]) -> list[list[float]]:
-    by_tile: dict[tuple[int, int], list[np.ndarray]] = {}
+    by_tile: dict[Tile, list[np.ndarray]] = {}
     for lane in lanes:
-        by_tile.setdefault((lane.tile_row, lane.tile_column), []).append(lane.control_points_m)
+        by_tile.setdefault(lane.tile, []).append(lane.control_points_m)
     pairs = (curves for curves in by_tile.values() if len(curves) == 2)
     return [_curve((one + other[::-1]) / 2.0) for one, other in pairs]
 

@@ -81,7 +81,7 @@ def test_who_faces_across_or_stands_beside_the_road_sees_no_lane() -> None:
 
 def test_a_bend_to_the_left_has_the_curvature_of_its_circle_and_turns_the_lane() -> None:
     drawn = map_of("curve_left/N", "straight/S")
-    lanes = [e for e in drawn.lanes if (e.tile_row, e.tile_column) == (0, 0)]
+    lanes = [e for e in drawn.lanes if (e.tile.row, e.tile.column) == (0, 0)]
     for lane in lanes:
         begin, end = lane.control_points_m[0], lane.control_points_m[3]
         first = lane.control_points_m[1] - begin

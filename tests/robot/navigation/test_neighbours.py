@@ -172,7 +172,7 @@ class Car:
 def ways() -> List[List[Path]]:
     """All ways over the crossing, by the arm that they come from."""
     lanes = LaneGraph(CROSS).lanes
-    middle = [lane for lane in lanes if (lane.tile_row, lane.tile_column) == (1, 1)]
+    middle = [lane for lane in lanes if (lane.tile.row, lane.tile.column) == (1, 1)]
     found: List[List[Path]] = [[], [], [], []]
     for over in middle:
         begin, end = over.control_points_m[0], over.control_points_m[3]

@@ -55,7 +55,7 @@ def test_every_file_loads_and_its_lanes_stay_on_their_tiles(data_dir: Path) -> N
     assert len(files) > 40
     for road_map in [*map(load_map, files), *map(load_map, shipped_maps())]:
         for lane in road_map.lanes:
-            centre = np.array([lane.tile_column + 0.5, road_map.rows - lane.tile_row - 0.5])
+            centre = np.array([lane.tile.column + 0.5, road_map.rows - lane.tile.row - 0.5])
             offset = np.abs(lane.control_points_m / road_map.tile_size_m - centre)
             assert offset.max() == pytest.approx(0.5)
 

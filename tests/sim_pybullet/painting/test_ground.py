@@ -22,7 +22,7 @@ def test_lanes_run_over_bare_road() -> None:
     town = load_map("town")
     ground = paint_ground(town, PLAIN)
     for lane in town.lanes:
-        if not town.tiles[lane.tile_row][lane.tile_column].is_junction:  # there lanes cross lines
+        if not lane.tile.is_junction:  # there lanes cross lines
             points = bezier_points(lane.control_points_m, np.linspace(0.01, 0.99, 40))
             assert set(class_at(ground, points)) == {SemanticClass.ROAD}, lane
 

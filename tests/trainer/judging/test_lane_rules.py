@@ -109,9 +109,7 @@ def test_duckietown_world_says_it_again() -> None:
 def test_a_red_line_is_run_by_who_does_not_stand_before_it() -> None:
     town = load_map("town")
     rules, graph = LaneRules(town), LaneGraph(town)
-    crossing = next(
-        lane for lane in graph.lanes if town.tiles[lane.tile_row][lane.tile_column].is_junction
-    )
+    crossing = next(lane for lane in graph.lanes if lane.tile.is_junction)
     path = paths.Path.from_beziers([crossing.control_points_m])
     drive = np.array([path.pose_at(arc_m) for arc_m in np.arange(-0.55, 0.5, 0.03)])
     stood = np.insert(drive, [14] * 5, drive[14], axis=0)

@@ -125,7 +125,7 @@ def yellow_middle(road_map: RoadMap) -> RoadPath:
     outer = lane_loop(road_map, outer=True)
     lanes: dict[tuple[int, int], list[Lane]] = {}
     for lane in road_map.lanes:
-        lanes.setdefault((lane.tile_row, lane.tile_column), []).append(lane)
+        lanes.setdefault((lane.tile.row, lane.tile.column), []).append(lane)
     pieces = [
         _between(lanes[tile][0], lanes[tile][1], road_map) for tile in _tiles_along(outer, road_map)
     ]
@@ -137,11 +137,11 @@ def _between(lane: Lane, other: Lane, road_map: RoadMap) -> np.ndarray:
     """(SAMPLES, 2) [m]: half way between two opposite lanes, about the corner of a curve."""
     t = np.linspace(0.0, 1.0, SAMPLES)
     a, b = (bezier_points(np.asarray(each.control_points_m), t) for each in (lane, other))
-    if road_map.tiles[lane.tile_row][lane.tile_column].kind == "straight":
+    if lane.tile.kind == "straight":
         return 0.5 * (a + b[::-1])
-    south = road_map.rows - 1 - lane.tile_row
+    south = road_map.rows - 1 - lane.tile.row
     corners = np.array(
-        [(lane.tile_column + i, south + j) for i in (0, 1) for j in (0, 1)], dtype=float
+        [(lane.tile.column + i, south + j) for i in (0, 1) for j in (0, 1)], dtype=float
     )
     corners *= road_map.tile_size_m
     middle = 0.5 * (a[SAMPLES // 2] + b[SAMPLES // 2])

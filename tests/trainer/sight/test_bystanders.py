@@ -20,7 +20,7 @@ VIEW = LaneView(TOWN)
 LANE = next(
     lane
     for lane in TOWN.lanes
-    if TOWN.tiles[lane.tile_row][lane.tile_column].kind == "straight"
+    if lane.tile.kind == "straight"
     and np.allclose(lane.control_points_m[0, 1], lane.control_points_m[3, 1])
 )
 (X, Y), (TO_X, _) = LANE.control_points_m[[0, 3]]
