@@ -70,8 +70,7 @@ class Tracker:
             track.last, track.seen_s, track.elsewhere = seen, t_s, []
             track.hits += 1
             if track.hits >= CONFIRM_HITS:
-                place = seen.x_m, seen.y_m, seen.heading_rad
-                poses.append(Sighting(robot, *place, seen.confidence))
+                poses.append(Sighting(robot, seen.x_m, seen.y_m, seen.heading_rad, seen.confidence))
         return tuple(poses)
 
     def _chosen(self, robot: str, candidates: List[Detection]) -> Optional[Detection]:

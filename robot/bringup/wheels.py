@@ -41,10 +41,9 @@ def trim_from_drive(hat: HatConfig, rolled_m: float, ahead_m: float, left_m: flo
     mean = 0.5 * (left + right)
     scale = way_m / rolled_m * mean
     _expect_scale("wheel radius", scale, f"{way_m:.3f} m instead of {rolled_m:.3f} m")
-    gains = (left / mean, right / mean)
     radius_m = round(hat.drive.wheel_radius_m * scale, 6)
     values: Values = {("hat", "drive", "wheel_radius_m"): radius_m}
-    for side, motor, gain in (("left", hat.left, gains[0]), ("right", hat.right, gains[1])):
+    for side, motor, gain in (("left", hat.left, left / mean), ("right", hat.right, right / mean)):
         # The whole section: a file that says nothing of a motor has no place for its gain alone.
         for name, value in vars(replace(motor, gain=round(gain, 5))).items():
             values["hat", side, name] = value
