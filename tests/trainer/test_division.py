@@ -10,7 +10,14 @@ from robot.errors import ConfigError
 from robot.navigation.road_map import MAPS_FOLDER, ROAD_SIDES, load_map, read_map, shipped_maps
 from sim_pybullet.randomise import LOOKS_DIR
 from trainer.cli import main
-from trainer.division import division, fingerprint, maps_named, part_of
+from trainer.division import (
+    division,
+    fingerprint,
+    maps_named,
+    part_of,
+    refuse_judging_look,
+    refuse_judging_maps,
+)
 from trainer.envs import make_env
 from trainer.options import TrainOptions
 from trainer.presets import preset
@@ -132,6 +139,18 @@ def test_training_refuses_judging_looks_by_name_and_content(
     assert "kept for judging policies" in said or "kept for judging" in said
     assert "randomised" in said
     assert not out.exists()
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_one_judging_map_or_look_among_others_is_refused(order: int, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="got zed, whose roads"):
+        refuse_judging_maps([load_map("loop"), load_map("judging/rings/zed")][::order])
+    names = ("a.yaml", "b.yaml")[::order]
+    (tmp_path / names[0]).write_text("ground: {brightness: 0.9}")
+    refuse_judging_look(str(tmp_path))
+    shutil.copy(LOOKS_DIR / "reality" / "hall.yaml", tmp_path / names[1])
+    with pytest.raises(ConfigError, match="kept for judging"):
+        refuse_judging_look(str(tmp_path))
 
 
 def test_a_config_that_was_edited_by_hand_is_refused_where_the_world_is_made() -> None:

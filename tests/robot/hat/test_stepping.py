@@ -151,3 +151,15 @@ def test_freeze_stops_at_once_and_standing_has_no_deadline() -> None:
     assert planner.deadline_s is None
     assert speeds(planner, 1.0) == (0.0, 0.0)
     assert math.copysign(1, planner.counts.left) == -math.copysign(1, planner.counts.right)
+
+
+def test_who_is_frozen_between_two_steps_goes_on_from_there() -> None:
+    rate = 0.05 / CONFIG.step_m  # at a speed that needs no ramp
+    planner = StepPlanner(CONFIG, 0.0)
+    planner.set_speeds(0.0, WheelSpeeds(0.05, 0.05))
+    step_times(planner, 10.6 / rate)
+    assert planner.counts == (10, 10)
+    planner.freeze(10.6 / rate)
+    assert planner.deadline_s is None
+    planner.set_speeds(5.0, WheelSpeeds(0.05, 0.05))
+    assert planner.deadline_s == pytest.approx(5.0 + 0.4 / rate)

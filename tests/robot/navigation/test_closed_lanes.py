@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,16 @@ def test_things_beside_the_road_close_no_lane() -> None:
         assert not blocked(load_map(name)).lanes, name
 
 
+@pytest.mark.parametrize("flags", [{"optional": True}, {"static": False}, {}])
+def test_what_is_not_always_there_closes_a_lane_only_if_every_thing_counts(flags: Any) -> None:
+    bare = load_map("loop")
+    closed = with_thing(bare, bare.lanes[4].control_points_m.mean(axis=0))
+    (thing,) = closed.objects
+    road_map = replace(closed, objects=[{**thing, **flags}])
+    assert (4 in blocked(road_map).lanes) is (not flags)
+    assert 4 in blocked(road_map, every=True).lanes
+
+
 def test_a_route_leads_round_a_barrier_and_a_destination_behind_it_is_refused() -> None:
     bare = load_map("town")
     first, last = (bare.lanes[lane].control_points_m for lane in (0, 60))
@@ -66,12 +77,16 @@ def test_a_route_leads_round_a_barrier_and_a_destination_behind_it_is_refused() 
     ],
 )
 @pytest.mark.parametrize("quarters", range(4))
-def test_signs_forbid_turns_to_who_faces_them(kind: str, turns: set[float], quarters: int) -> None:
-    """It stands on the right before a crossing, and shows its face to who comes."""
+@pytest.mark.parametrize(("aside_m", "before_m"), [(0.33, 0.35), (0.42, 0.33)])
+def test_signs_forbid_turns_to_who_faces_them(
+    kind: str, turns: set[float], quarters: int, aside_m: float, before_m: float
+) -> None:
+    """It stands on the right before a crossing, and shows its face to who comes; or farther to the
+    right, nearer to a lane of those who do not see its face."""
     comes_rad = 0.5 * np.pi * quarters
     right = np.array((np.sin(comes_rad), -np.cos(comes_rad)))
     ahead = np.array((np.cos(comes_rad), np.sin(comes_rad)))
-    x, y = (0.9, 0.9) + 0.33 * right - 0.35 * ahead
+    x, y = (0.9, 0.9) + aside_m * right - before_m * ahead
     pose = {"p": [float(x), float(y)], "theta_deg": 90.0 * quarters + 180.0}
     sign = {"kind": f"sign_{kind}", "pose": {"~SE2Transform": pose}, "height": 0.18}
     tiles = [["grass", "straight/N", "grass"], ["straight/E", "4way", "straight/W"],
@@ -86,6 +101,16 @@ def test_signs_forbid_turns_to_who_faces_them(kind: str, turns: set[float], quar
         found.add(round(float(np.degrees(turned)), 6) + 0.0)
     assert found == turns
     assert LaneGraph(crossing).closed == blocked(crossing).lanes
+
+
+@pytest.mark.parametrize(("away_m", "forbids"), [(0.55, True), (0.65, False)])
+def test_a_sign_more_than_a_tile_from_a_way_forbids_nothing(away_m: float, forbids: bool) -> None:
+    """To the west of where the lane to the east begins, whose face it shows to it."""
+    tiles = [["grass"] * 3, ["grass", "straight/E", "grass"], ["grass"] * 3]
+    pose = {"p": [0.6 - away_m, 0.9 - 0.12], "theta_deg": 180.0}
+    sign = {"kind": "sign_do_not_enter", "pose": {"~SE2Transform": pose}, "height": 0.18}
+    road_map = read_map({"tile_size": 0.6, "tiles": tiles, "objects": [sign]}, "far")
+    assert bool(blocked(road_map).lanes) is forbids
 
 
 def test_where_there_is_no_way_the_place_is_told() -> None:

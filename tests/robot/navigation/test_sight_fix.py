@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Optional
+from typing import List, Optional
 
 import numpy as np
 import pytest
@@ -193,6 +193,45 @@ def test_who_is_put_somewhere_learns_its_wheels_anew() -> None:
         assert world.navigator._fusion._state[0, 3] == kept
 
 
+def test_who_is_put_somewhere_or_sent_somewhere_begins_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Jumps and doubts of before, and detours of another mission, do not count."""
+    forgotten: List[int] = []
+    world = seeing()
+    monkeypatch.setattr(world.navigator._way, "reset", lambda: forgotten.append(1))
+    world.navigator._jumps, world.navigator._detours = 5, 3
+    assert world.turn(seen=False).pose_jump
+    world.navigator.put(world.pose)
+    within = world.navigator._fusion.certainty[0]
+    assert within == pytest.approx((0.122, math.radians(19.6)), abs=0.005), "10 cm, 20 degrees"
+    assert (len(forgotten), world.turn(seen=False).pose_jump) == (1, False)
+    world.navigator.begin("mission-2", GOAL)
+    assert (len(forgotten), world.navigator._detours) == (2, 0)
+
+
+def test_how_a_mission_ended_is_not_told_anew() -> None:
+    world = seeing()
+    world.navigator.end("failed", "too late")
+    world.navigator.end("stopped", "by a person")
+    status = world.navigator.status
+    assert status is not None
+    assert (status.phase, status.reason) == ("failed", "too late")
+
+
+def test_the_place_is_told_by_the_localizer_by_sight_or_by_the_wheels_alone() -> None:
+    """Each for a second after it last said something."""
+    world, told = seeing(), []
+    for decision in range(30):
+        world.sight.blind = decision >= 15  # type: ignore[attr-defined]
+        world.turn(0.02 if decision < 15 else 0.0, seen=False)
+        belief = world.navigator.belief(world.now_s)
+        told.append(belief.source if belief is not None else "nobody")
+    assert told[5] == "overhead"
+    assert (told[12], told[20]) == ("sight", "sight")
+    assert told[28] == "wheels"
+
+
 @pytest.mark.slow
 def test_a_person_tells_where_it_stands_and_it_drives_from_there() -> None:
     world = driving()
@@ -227,8 +266,11 @@ def test_where_it_stands_is_told_only_of_a_robot_with_sight_that_stands_on_the_r
     with pytest.raises(PlanError, match="robot with sight"):
         driving().navigator.put(Pose(0.5, 0.5, 0.0))
     world = seeing()
-    with pytest.raises(PlanError, match="on the road"):
-        world.navigator.put(Pose(-0.2, 0.5, 0.0))
+    grass = next(t for row in TOWN.tiles for t in row if not t.is_road)
+    beside = Pose((grass.column + 0.5) * 0.585, (TOWN.rows - grass.row - 0.5) * 0.585, 0.0)
+    for place in (Pose(-0.2, 0.5, 0.0), beside):
+        with pytest.raises(PlanError, match="on the road"):
+            world.navigator.put(place)
     world.navigator._driving = True
     before = world.navigator.pose
     with pytest.raises(PlanError, match="it drives"):

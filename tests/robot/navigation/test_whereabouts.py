@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from robot.errors import PlanError
 from robot.geometry import Pose, between, wrap_angle
+from robot.navigation.finding import Finding
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.path import Path
@@ -18,7 +20,7 @@ from robot.navigation.road_map import RoadMap, load_map
 from robot.navigation.whereabouts import Place, Whereabouts
 from robot.safety.state_machine import Command
 from robot.vision.sight import Seen
-from tests.robot.navigation.test_navigator import TOWN, driving
+from tests.robot.navigation.test_navigator import GRAPH, TOWN, driving
 from tests.robot.navigation.test_sight_fix import FakeSight, seeing
 from tests.robot.runtime.test_loop import Bench
 from tests.thorough import count
@@ -349,3 +351,49 @@ def test_a_mission_that_ends_while_it_drives_is_no_leave_to_drive_on() -> None:
     world.navigator.on_tick(bench.runtime.step())
     assert world.navigator.searches, "a person may let it drive on"
     assert world.turn(seen=False).path is not None
+
+
+def believing(
+    within: Tuple[float, float] = (0.05, 0.3), scale: float = 0.02, far: float = math.nan
+) -> Finding:
+    """In the middle of a lane, as sure of its place and wheels; pictures tell so far from it."""
+    fusion = SimpleNamespace(
+        poses=np.zeros((1, 3)),
+        certainty=np.array([within]),
+        scale_deviations=np.array([scale]),
+        config=SimpleNamespace(gate=16.3),
+    )
+    view = SimpleNamespace(at=lambda *_: SimpleNamespace(in_junction=False))
+    fix = SimpleNamespace(fusion=fusion, views=[view], see=lambda *_: np.array([far]))
+    return Finding(LaneGraph(TOWN), fix)  # type: ignore[arg-type]
+
+
+def test_how_sure_of_place_and_wheels_it_must_be() -> None:
+    assert believing().sure
+    assert not believing(within=(0.051, 0.3)).sure
+    assert not believing(within=(0.05, 0.301)).sure
+    assert not believing(scale=0.0201).sure
+    nowhere = believing()
+    nowhere._fix.fusion.poses[:] = math.nan
+    assert not nowhere.sure
+
+
+@pytest.mark.parametrize(("far", "pictures"), [(math.nan, 9), (1e9, 3), (4.4, 1000)])
+def test_how_many_pictures_make_a_place_strange(far: float, pictures: int) -> None:
+    """No road counts 8, a wild picture 16.3 at most; honest ones never do."""
+    finding = believing(far=far)
+    for k in range(1, 100):
+        finding.see(None, 0.1 * k)  # type: ignore[arg-type]
+        assert (finding.strange > 6.0) is (k >= pictures)
+    finding._fix.views[0].at = lambda *_: SimpleNamespace(in_junction=True)  # type: ignore
+    before, finding.strange = finding.strange, 0.0
+    finding.see(None, 10.0)  # type: ignore[arg-type]
+    assert (finding.strange, before > 0.0) == (0.0, True), "of junctions nothing is told"
+
+
+@pytest.mark.parametrize("forward_m", [0.1, -0.1])
+def test_after_fifteen_metres_it_gives_up(forward_m: float) -> None:
+    search = Whereabouts(GRAPH, LaneView(TOWN))
+    for k in range(152):
+        assert ("let it drive on" in search.sentence) is (k <= 150)
+        search.move(forward_m, 0.0, 0.1 * k)

@@ -129,6 +129,116 @@ def test_four_cars_at_one_crossing_go_one_at_a_time_and_all_go() -> None:
     assert sorted(gone) == [0, 1, 2, 3]
 
 
+def at_the_line(
+    free_m: float = 1.0, red: bool = False, inside: int = -1, line_m: float = 0.17
+) -> Approach:
+    """Two cars before one junction, the second of them perhaps on its crossing."""
+    return Approach(
+        np.array([[0, 0 if inside < 0 else -1]]),
+        np.array([[line_m, 0.17 if inside < 0 else np.inf]]),
+        np.array([[-1, inside]]),
+        np.full((1, 2), free_m),
+        np.full((1, 2), red),
+        np.zeros((1, 2)),
+    )
+
+
+def waits(approach: Approach, decisions: int) -> list[bool]:
+    """After each decision, whether the first car may go; both stand."""
+    way = RightOfWay(1, 2, 1)
+    return [bool(way.ask(approach, np.zeros((1, 2)))[0, 0]) for _ in range(decisions)]
+
+
+def test_who_has_stood_for_half_a_second_may_go() -> None:
+    assert waits(at_the_line(), 6)[:4] == [False] * 4
+    assert waits(at_the_line(), 6)[5]
+    assert not any(waits(at_the_line(red=True), 80)), "at a red light nobody may"
+    assert not any(waits(at_the_line(inside=0), 80)), "nor while somebody is inside"
+
+
+@pytest.mark.parametrize(("free_m", "after"), [(0.17 + 0.72, 5), (0.17 + 0.4, 60), (0.5, 200)])
+def test_behind_the_junction_there_must_be_room(free_m: float, after: int) -> None:
+    """0.7 m; for who has stood for six seconds half of it."""
+    may = waits(at_the_line(free_m), 100)
+    assert may.index(True) == pytest.approx(after, abs=1.1) if after < 100 else not any(may)
+
+
+def test_who_has_stood_longer_goes_first() -> None:
+    way = RightOfWay(1, 2, 1)
+    for _ in range(3):
+        way.ask(at_the_line(line_m=0.5), np.zeros((1, 2)))  # the second is there already
+    for _ in range(10):
+        way.ask(at_the_line(red=True), np.zeros((1, 2)))
+    assert way.ask(at_the_line(), np.zeros((1, 2))).tolist() == [[False, True]]
+
+
+def test_who_has_the_way_and_cannot_go_loses_it_after_six_seconds() -> None:
+    way, told = RightOfWay(1, 2, 1), []
+    for decision in range(90):
+        room_m = np.array([[1.0 if decision < 10 else 0.2, 1.0]])
+        may = way.ask(at_the_line()._replace(free_m=room_m), np.zeros((1, 2)))
+        told.append(may[0].tolist())
+    assert told[60] == [True, False]
+    assert told[70] == [False, True]
+
+
+def test_what_is_behind_a_robot_is_not_in_its_way() -> None:
+    points = np.stack((AHEAD_M, np.zeros_like(AHEAD_M)), axis=-1)[None]
+    steps = steps_ahead(points, np.zeros((1, 3)), np.array([[(-0.05, 0.0)]]), np.full((1, 1), 0.15))
+    assert steps.tolist() == [[25]]
+
+
+def test_cars_keep_to_the_right_of_the_middle() -> None:
+    path = tours(LaneGraph(load_map("loop")), np.random.default_rng(0))[0]
+    drivers, clear, offsets = Drivers(1, 1, path), np.full((1, 1), np.inf), []
+    drivers.begin(0, [(path, 0.0)], Scenario(npc_speed_mps=(0.2, 0.2)), np.random.default_rng(0))
+    for _ in range(300):
+        drivers.step(clear, clear)
+        offsets.append(path.project(*drivers.poses[0, 0, :2]).offset_m)
+    assert np.mean(offsets) == pytest.approx(-0.015, abs=0.003)
+    assert np.ptp(offsets) == pytest.approx(2.0 * 0.008, abs=0.004)
+
+
+def test_as_many_obey_and_err_as_the_scenario_says() -> None:
+    path = tours(LaneGraph(load_map("loop")), np.random.default_rng(0))[0]
+    drivers = Drivers(1, 2000, path)
+    how = Scenario(npc_obeying=0.8, npc_mistakes_per_min=6.0)
+    drivers.begin(0, [(path, 0.0)], how, np.random.default_rng(0))
+    assert drivers.obeying.mean() == pytest.approx(0.8, abs=0.03)
+    assert (drivers._mistakes_s < 60.0).sum(axis=-1).mean() == pytest.approx(6.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("off_m", "walks"), [(0.33, True), (0.31, False)])
+def test_a_duck_leaves_twenty_centimetres_to_a_robot(off_m: float, walks: bool) -> None:
+    """From 12 cm before it, where it looks."""
+    ducks = Ducks(1, 1)
+    how = Scenario(duckie_speed_mps=(0.1, 0.1), duckie_wait_s=(0.0, 0.0))
+    ducks.begin(0, np.array([(0.0, 0.0, 0.0, 0.6)]), how, np.random.default_rng(0))
+    ducks.step(np.array([[(off_m, 0.0)]]))
+    assert bool(ducks.poses[0, 0, 0] > 0.0) is walks
+
+
+def test_a_duck_stands_two_seconds_before_a_robot_then_it_goes_back() -> None:
+    ducks, turned = Ducks(1, 1), []
+    how = Scenario(duckie_speed_mps=(0.1, 0.1), duckie_wait_s=(0.0, 0.0))
+    ducks.begin(0, np.array([(0.0, 0.0, 0.0, 0.6)]), how, np.random.default_rng(0))
+    for _ in range(30):
+        ducks.step(np.array([[(0.2, 0.0)]]))
+        turned.append(bool(ducks.poses[0, 0, 2] > 3.0))
+    assert turned.index(True) == pytest.approx(20, abs=1)
+
+
+def test_cars_begin_as_far_beside_and_askew_as_the_scenario_tolerates() -> None:
+    how, streets = Scenario(min_dist=0.0), Streets([load_map("loop")])
+    layout = Layout(streets, 0, how, np.random.default_rng(0))
+    starts = [layout.car(1.0) for _ in range(300)]
+    beside_m = [start.path.project(*start.pose[:2]).offset_m for start in starts]
+    np.testing.assert_allclose(beside_m, [start.offset_m for start in starts], atol=1e-3)
+    assert max(map(abs, beside_m)) == pytest.approx(0.03, abs=0.001)
+    askew_deg = np.degrees([start.turned_rad for start in starts])
+    assert np.abs(askew_deg).max() == pytest.approx(10.0, abs=0.3)
+
+
 def test_a_light_is_green_for_two_ways_of_four_in_turn() -> None:
     cross = read_map({"tile_size": 0.585, "tiles": [["4way"]],
                       "objects": [{"kind": "trafficlight", "pos": [0.5, 0.5], "height": 0.3}]},
@@ -140,6 +250,7 @@ def test_a_light_is_green_for_two_ways_of_four_in_turn() -> None:
     for _ in range(200):
         red = lights.red(np.zeros((1, 4), int), headings)[0]
         assert red[0] == red[2] != red[1] == red[3]
+        assert bool(red[0]) == bool(lights.phases[0, 0]), "in phase 0 who comes along it goes"
         assert not lights.red(np.full((1, 4), -1), headings).any()
         assert np.isfinite(lights.shown()[0, :, 0]).sum() == 1
         seen.append(bool(red[0]))

@@ -13,7 +13,7 @@ from trainer.cli import main
 from trainer.judging import blocks
 from trainer.judging.challenge import Episode
 from trainer.judging.intervals import median, paired, share
-from trainer.judging.olympics import LaneFigures, Verdict
+from trainer.judging.olympics import LaneFigures, Verdict, longest_wait_s
 
 RACER = str(SHIPPED_MODELS / "track_ppo.onnx")
 
@@ -33,6 +33,8 @@ def test_a_median_lies_in_its_interval_which_holds_the_truth_nine_times_of_ten()
         held += found.low <= np.log(2.0) <= found.high
     assert held >= 88
     assert tuple(median([2.0] * 9)) == (2.0, 2.0, 2.0)
+    # Medians of draws are the third of 13 or less in 1.6 %, the fourth or less in 7.1 %.
+    assert tuple(median(list(range(13)))) == (6.0, 3.0, 9.0)
 
 
 @pytest.mark.parametrize(
@@ -77,6 +79,40 @@ def test_a_verdict_takes_medians_and_counts_what_went_wrong_and_by_whose_fault()
         "line_run": 2,
         "out_of_tile": 1,
     }
+
+
+def test_intervals_are_told_from_low_to_high() -> None:
+    told = Verdict("x", [episode(k, "time", 3.0 + k) for k in range(9)]).plain()["intervals"]
+    assert told["success_rate"] == pytest.approx([0.701, 1.0], abs=1e-3)  # Wilson, of 9 in 9
+    assert told["tiles"] == [4.0, 10.0]  # medians of draws are the least of nine once in 700 times
+
+
+def test_worst_is_who_failed_after_the_fewest_tiles() -> None:
+    ends = [("time", 9.0), ("collision_duck", 2.0), ("time", 2.9), ("out_of_tile", 0.5)]
+    drives = [episode(k, *end) for k, end in enumerate([*ends, ("time", 4.0)])]
+    worst_first = sorted(drives, key=lambda drive: drive.badness, reverse=True)
+    assert [drive.tiles for drive in worst_first] == [0.5, 2.0, 2.9, 4.0, 9.0]
+
+
+@pytest.mark.parametrize(
+    ("way", "wait_s"),
+    [
+        ("", 0.0),
+        (">>>>>>>>>", 0.0),
+        (".........", 0.9),
+        (">>>>>>>..>>>>>>", 0.2),
+        ("...>>>>>..>>>>>", 0.3),
+        ("..>>>>>>>>.....", 0.5),
+        (">>~~~>>", 0.0),
+    ],
+)
+def test_the_longest_wait_is_at_rest_below_two_centimetres_a_second(
+    way: str, wait_s: float
+) -> None:
+    steps_m = [{">": 0.03, ".": 0.0019, "~": 0.0021}[step] for step in way]
+    x_m = np.concatenate(([0.0], np.cumsum(steps_m)))
+    poses = np.stack((x_m, 0.0 * x_m, 0.0 * x_m), axis=1)
+    assert longest_wait_s(poses, 0.1) == pytest.approx(wait_s)
 
 
 def test_who_stands_has_no_collision_and_no_success() -> None:

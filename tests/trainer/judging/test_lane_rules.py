@@ -117,4 +117,10 @@ def test_a_red_line_is_run_by_who_does_not_stand_before_it() -> None:
     assert rules.lines_run(stood, CONTROL_DT_S) == 0
     too_early = np.insert(drive, [3] * 5, drive[3], axis=0)
     assert rules.lines_run(too_early, CONTROL_DT_S) == 1
+    tiles = [town.tile_at(x_m, y_m) for x_m, y_m in drive[:, :2].tolist()]
+    first = next(k for k, tile in enumerate(tiles) if tile is not None and tile.is_junction)
+    too_late = np.insert(drive, [first] * 5, drive[first], axis=0)
+    assert rules.lines_run(too_late, CONTROL_DT_S) == 1
+    creeping = np.insert(drive, [14] * 5, np.linspace(drive[13], drive[14], 7)[1:-1], axis=0)
+    assert rules.lines_run(creeping, CONTROL_DT_S) == 1  # at 5 cm/s
     assert rules.lines_run(drive[10:], CONTROL_DT_S) == 0  # began in the zone
