@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
         try:
             told.append(switch_off(open_bus(each), addresses, MonotonicClock()))
         except HardwareError as error:  # nor for the repair of another bus
-            wrong = wrong or error
+            wrong = error  # graver than a wrong file: the coils may be on
     for line in filter(None, told):
         print(line, flush=True)
     if wrong is not None:

@@ -16,6 +16,7 @@ from robot.typed_config import from_plain, load_yaml, to_plain
 def test_the_model_is_enough() -> None:
     config = from_plain(RobotConfig, {"model": "m.onnx"})
     assert config == RobotConfig("m.onnx")
+    assert (config.recording, config.link, config.map) == (None, None, ""), "unless one asks"
     assert from_plain(RobotConfig, to_plain(config)) == config
 
 
@@ -57,7 +58,15 @@ def test_a_whole_file(tmp_path: Path) -> None:
         ({"model": "m", "camera": {"path": "x"}}, "and only with it"),
         ({"model": "m", "camera": {"fps": 5}}, "camera.fps: expected 10 to 120, got 5"),
         ({"model": "m", "camera": {"flip": 9}}, "flip 0 to 7"),
+        ({"model": "m", "camera": {"flip": -1}}, "flip 0 to 7"),
+        ({"model": "m", "camera": {"number": -1}}, "number 0 to 999"),
+        ({"model": "m", "camera": {"number": 1000}}, "number 0 to 999"),
+        ({"model": "m", "camera": {"kind": "v4l2", "fps": 121}}, "fps: expected 10 to 120"),
+        ({"model": "m", "recording": {"folder": ""}}, "leave the recording section out"),
         ({"model": "m", "safety": {"frame_age": 1}}, "did you mean 'frame_age_s'"),
+        ({"model": "m", "safety": {"loop_age_s": True}}, "expected float, got True (bool)"),
+        ({"model": "m", "hat": {"bus": True}}, "expected int, got True (bool)"),
+        ({"model": "m", "rules": {"headway": 1}}, "expected bool, got 1 (int)"),
         ({"model": "m", "safety": {"loop_age_s": -1}}, "loop_age_s: expected a positive number"),
         ({"model": "m", "hat": {"max_speed_mps": 0.2}}, "at least safety.max_wheel_mps"),
         ({"model": "m", "hat": {"command_timeout_s": 0.1}}, "at least two decisions"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
@@ -14,13 +15,17 @@ from robot.cli import main
 from robot.cli.doctor import FAIL, OK, WARN, Finding, examine
 from robot.computer.machine import CameraLook, Machine
 from robot.config import CameraConfig
+from robot.contract import Proof
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
+from robot.inference.policy import PolicyTiming
+from robot.lens import Mount
 from robot.link.keys import keygen
 from robot.link.messages import Reading
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault
+from tests.robot.camera.test_newest import FakeStream
 from tests.robot.hat.rig import WatchedBus
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
@@ -221,6 +226,56 @@ def test_keys_that_others_can_read_and_a_navigator_without_a_map_fail(
     assert "no map is set" in diagnose(patient, config)["policy"].line
 
 
+@pytest.mark.parametrize(
+    ("mount", "level"),
+    [
+        ("pitch_rad: {2.9}, height_m: {14}", OK),
+        ("pitch_rad: {-2.9}, height_m: {-14}", OK),
+        ("pitch_rad: {3.1}, height_m: {0}", WARN),
+        ("pitch_rad: {-3.1}, height_m: {0}", WARN),
+        ("pitch_rad: {0.1}, height_m: {16}", WARN),
+        ("pitch_rad: {0.1}, height_m: {-16}", WARN),
+    ],
+)
+def test_a_mount_may_be_off_by_3_degrees_and_15_mm(
+    patient: Patient, config: Path, mount: str, level: str
+) -> None:
+    nominal, (pitch, height) = Mount(), re.findall(r"{(.*?)}", mount)
+    pitch_rad = nominal.pitch_rad + math.radians(float(pitch))
+    height_m = nominal.height_m + 1e-3 * float(height)
+    text = config.read_text().replace("pitch_rad: 0.34", f"pitch_rad: {pitch_rad}")
+    config.write_text(text.replace("height_m: 0.11", f"height_m: {height_m}"))
+    assert diagnose(patient, config)["camera mount"].level == level
+
+
+@pytest.mark.parametrize(("took_ms", "level"), [(49.0, OK), (51.0, FAIL)])
+def test_a_decision_may_take_half_of_the_time_between_two(
+    patient: Patient, config: Path, monkeypatch: pytest.MonkeyPatch, took_ms: float, level: str
+) -> None:
+    timing = PolicyTiming(took_ms, 2.0 * took_ms)
+    monkeypatch.setattr("robot.cli.doctor.time_decisions", lambda *_: timing)
+    assert diagnose(patient, config)["policy"].level == level
+
+
+UNPROVEN = Proof(20, 3, 0.05, 0.4, 0, 0, "it drove 3 of 20")
+
+
+def test_a_policy_that_is_not_proven_fails(patient: Patient, config: Path) -> None:
+    write_policy(config.with_name("nav.onnx"), navigation_contract(taught_from="b", proof=UNPROVEN))
+    finding = diagnose(patient, config)["policy"]
+    assert (finding.level, finding.remedy) == (FAIL, "the robot does not arm with it")
+    assert "proven to 5% of drives" in finding.says
+
+
+@pytest.mark.parametrize(("levels", "status"), [((OK, WARN), 0), ((OK, FAIL), 1), ((), 0)])
+def test_one_failure_is_enough_for_the_exit_status(
+    monkeypatch: pytest.MonkeyPatch, levels: Tuple[str, ...], status: int
+) -> None:
+    findings = [Finding("thing", level, "so") for level in levels]
+    monkeypatch.setattr("robot.cli.doctor.examine", lambda *_: iter(findings))
+    assert main(["doctor"]) == status
+
+
 def test_a_stuck_bus_is_told_as_such(patient: Patient, config: Path) -> None:
     patient.hats[1].inject(BusFault.STUCK, count=100)
     finding = diagnose(patient, config)["motor HAT"]
@@ -254,6 +309,23 @@ def test_the_command_tells_of_this_computer(
     camera = next(line for line in lines if line.startswith("FAIL  camera  "))
     assert "/dev/video977" in camera
     assert lines[lines.index(camera) + 1].strip().startswith("->")
+
+
+@pytest.mark.parametrize(("levels", "frozen"), [((7, 7, 7), True), ((7, 8, 7), False)])
+def test_a_camera_is_watched_and_let_go_and_one_new_picture_shows_that_it_lives(
+    monkeypatch: pytest.MonkeyPatch, levels: Tuple[int, ...], frozen: bool
+) -> None:
+    streams: List[FakeStream] = []
+
+    def opened(*_: object) -> FakeStream:
+        streams.append(FakeStream([*levels, *[7] * 1000]))
+        return streams[-1]
+
+    monkeypatch.setattr("robot.computer.machine.open_stream", opened)
+    look = Machine().watch(CameraConfig(), 0.1)
+    assert (look.frozen, look.size_px) == (frozen, (160, 120))
+    assert look.rate_hz > 10.0
+    assert streams[0]._closed
 
 
 def test_this_computer_can_be_looked_at(tmp_path: Path) -> None:

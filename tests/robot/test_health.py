@@ -31,7 +31,8 @@ def test_memory_is_read_where_linux_tells(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("free_mb", "level"), [(9000.0, "ok"), (400.0, "warn"), (199.0, "bad"), (0.0, "bad")]
+    ("free_mb", "level"),
+    [(9000.0, "ok"), (400.0, "warn"), (201.0, "warn"), (199.0, "bad"), (0.0, "bad")],
 )
 def test_the_disk_of_the_folder_asked_for_is_judged(
     free_mb: float, level: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -41,6 +42,26 @@ def test_the_disk_of_the_folder_asked_for_is_judged(
     monkeypatch.setattr("shutil.disk_usage", lambda at: disk if Path(at) == tmp_path else other)
     found = {each.name: each for each in readings(tmp_path / "not" / "yet")}
     assert found["disk free"].level == level
+
+
+@pytest.mark.parametrize(
+    ("hottest_c", "level"), [(79.9, "ok"), (80.0, "warn"), (94.9, "warn"), (95.0, "bad")]
+)
+def test_the_hottest_sensor_is_judged(
+    hottest_c: float, level: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    zones = {"CPU": hottest_c, "GPU": 30.0}
+    monkeypatch.setattr("robot.computer.health.temperatures_c", lambda: zones)
+    assert next(readings()) == Reading("temperature", hottest_c, "°C", level)
+
+
+@pytest.mark.parametrize(("free_mb", "level"), [(201.0, "ok"), (200.0, "warn")])
+def test_little_memory_is_a_warning(
+    free_mb: float, level: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robot.computer.health.memory_free_mb", lambda: free_mb)
+    found = {each.name: each for each in readings()}
+    assert found["memory free"].level == level
 
 
 def test_a_recorder_wants_more_of_the_disk(tmp_path: Path) -> None:

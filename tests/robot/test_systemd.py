@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import socket
+import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import List
 
@@ -43,3 +45,33 @@ def test_only_a_turning_loop_pings_and_changes_of_state_are_told_once() -> None:
     assert pings[-1] <= 20 / turns_per_ping + 1
     told = [line for line in lines if line.startswith("STATUS=")]
     assert told == ["STATUS=DISARMED: started; a person must arm", "STATUS=READY: arm, by a person"]
+
+
+def test_a_systemd_that_does_not_read_holds_up_no_loop(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(tmp_path / "notify"))
+        send = notify_socket({"NOTIFY_SOCKET": str(tmp_path / "notify")})
+        loop = threading.Thread(target=lambda: [send("WATCHDOG=1") for _ in range(2000)])
+        loop.daemon = True  # a loop that hangs here ends with the listener at the latest
+        loop.start()
+        loop.join(10.0)
+        assert not loop.is_alive()
+
+
+def test_it_pings_every_half_second_and_at_once_when_time_went_back() -> None:
+    bench, lines = Bench(), []  # type: ignore[var-annotated]
+    bench.turn()
+    heart, tick = Heartbeat(lines.append), bench.heard.ticks[-1]
+    for time_s, pings in ((100.0, 1), (100.4, 1), (100.5, 2), (100.9, 2), (101.0, 3), (7.0, 4)):
+        heart.on_tick(replace(tick, time_s=time_s))
+        assert lines.count("WATCHDOG=1") == pings, time_s
+
+
+def test_the_same_state_for_another_reason_is_told() -> None:
+    bench, lines = Bench(), []  # type: ignore[var-annotated]
+    bench.turn()
+    heart, tick = Heartbeat(lines.append), bench.heard.ticks[-1]
+    for sentence in ("clear, by a person", "clear, by a person", "disarm, by a person"):
+        heart.on_tick(replace(tick, verdict=tick.verdict._replace(sentence=sentence)))
+    told = [line for line in lines if line.startswith("STATUS=")]
+    assert told == [f"STATUS=DISARMED: {why}, by a person" for why in ("clear", "disarm")]

@@ -10,7 +10,7 @@ import resource
 import threading
 import time
 from pathlib import Path
-from typing import Any, List, Tuple
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ import pytest
 import robot
 from robot.camera.source import NewestFrame
 from robot.computer.clock import Alarm, MonotonicClock
+from robot.computer.threads import Worker
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
@@ -43,6 +44,16 @@ def test_it_rings_until_it_is_cleared() -> None:
     for _ in range(2):
         alarm.clear()
         assert not alarm.wait(0.0)
+    began_s = time.monotonic()
+    assert not alarm.wait(0.05)
+    assert time.monotonic() - began_s >= 0.05, "it was rung often and cleared once"
+
+
+def test_the_steady_clock_is_the_monotonic_one_and_never_waits_backwards() -> None:
+    clock, before_s = MonotonicClock(), time.monotonic()
+    clock.sleep(-1.0)
+    clock.sleep(0.0)
+    assert before_s <= clock.now() <= time.monotonic()
 
 
 def test_a_wait_lasts_as_long_as_it_should_and_ends_with_the_ringing() -> None:
@@ -175,3 +186,43 @@ def test_a_worker_that_does_not_end_is_waited_for_by_its_patience() -> None:
     assert 0.1 <= time.monotonic() - began_s < 3.0
     hang.set()
     eventually(lambda: not camera.alive)
+
+
+class Stubborn(Worker):
+    """Works until it is let go, then ends as it was told; nothing wakes it."""
+
+    def __init__(self, end: Optional[BaseException] = None) -> None:
+        super().__init__("stubborn", 0.1)
+        self.let_go = threading.Event()
+        self._end = end
+
+    def _work(self) -> None:
+        self.let_go.wait()
+        if self._end is not None:
+            raise self._end
+
+
+def test_a_worker_that_was_begun_anew_is_waited_for_by_its_patience_too() -> None:
+    worker = Stubborn()
+    worker.let_go.set()
+    with worker:
+        eventually(lambda: not worker.alive)
+    worker.let_go.clear()
+    worker.start()
+    ender = threading.Thread(target=worker.end, daemon=True)
+    ender.start()
+    eventually(lambda: not ender.is_alive())
+    assert worker.alive
+    worker.let_go.set()
+    eventually(lambda: not worker.alive)
+
+
+@pytest.mark.parametrize("end", [SystemExit(1), KeyboardInterrupt(), GeneratorExit()])
+def test_whatever_ends_a_worker_is_heard_of(end: BaseException) -> None:
+    worker = Stubborn(end)
+    worker.let_go.set()
+    with worker:
+        eventually(lambda: worker._died is not None)
+        assert not worker.alive
+        with pytest.raises(HardwareError, match=f"stubborn thread: {type(end).__name__}"):
+            worker.check()

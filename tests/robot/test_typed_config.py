@@ -9,7 +9,7 @@ import pytest
 
 from robot.contract import ACTION_TWISTS, ACTION_WHEELS, DRIVE, ImageSpec, PolicyContract
 from robot.errors import ConfigError, ContractError
-from robot.typed_config import from_plain, load_yaml, to_plain
+from robot.typed_config import from_plain, load_yaml, read_yaml, to_plain
 
 
 @dataclass(frozen=True)
@@ -116,3 +116,27 @@ def test_a_message_stays_short_whatever_a_few_lines_of_yaml_stand_for(tmp_path: 
     bomb.write_text("\n".join([*lines, "*a8"]).replace("a0: ", "? ", 1), encoding="utf-8")
     with pytest.raises(ConfigError):
         load_yaml(Sided, bomb)
+
+
+def test_a_yaml_file_has_four_million_bytes_at_most(tmp_path: Path) -> None:
+    path = tmp_path / "large.yaml"
+    path.write_bytes(b"#" * 4_000_000)
+    assert read_yaml(path) == {}
+    path.write_bytes(b"#" * 4_000_001)
+    with pytest.raises(ConfigError, match="expected a YAML file of at most 4000000 bytes"):
+        read_yaml(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "model: !!python/name:os.getcwd ''",
+        "model: !!python/object/apply:os.getcwd []",
+        "model: !!python/object/new:pathlib.PurePath [a]",
+        "!!python/tuple [1, 2]",
+    ],
+)
+def test_a_yaml_file_is_data_and_runs_nothing(tmp_path: Path, text: str) -> None:
+    (tmp_path / "robot.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=r"expected YAML in UTF-8, got: could not determine"):
+        read_yaml(tmp_path / "robot.yaml")

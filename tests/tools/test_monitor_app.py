@@ -6,12 +6,14 @@ import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
+from robot.contract import Stick
 from robot.link.messages import Ack, Mission
 from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
@@ -185,8 +187,9 @@ def test_a_robot_armed_for_a_mission_that_it_then_refuses_is_disarmed(
     page.until(state="DISARMED")
 
 
+@pytest.mark.parametrize("halt", ["stop", "disarm"])
 def test_a_stop_that_comes_while_a_robot_is_asked_keeps_it_from_arming(
-    config: LinkConfig, tmp_path: Path
+    config: LinkConfig, tmp_path: Path, halt: str
 ) -> None:
     """The robot stands: it has nothing to stop, and remembers no stop."""
     sent: list[str] = []
@@ -201,7 +204,7 @@ def test_a_stop_that_comes_while_a_robot_is_asked_keeps_it_from_arming(
         monitor._client = Robot()  # type: ignore[assignment]
         going = asyncio.create_task(monitor.drive(Mission((1.0, 1.0)), arm=True))
         await asyncio.sleep(0)
-        stopping = asyncio.create_task(monitor.command("stop"))
+        stopping = asyncio.create_task(monitor.command(halt))
         await asyncio.sleep(0)
         for number, (_, future) in monitor._waiting.items():
             future.set_result(Ack(number, True))
@@ -209,8 +212,128 @@ def test_a_stop_that_comes_while_a_robot_is_asked_keeps_it_from_arming(
         return await asyncio.wait_for(going, 1.0)
 
     answer = asyncio.run(press())
-    assert sent == ["plan", "stop"]
+    assert sent == ["plan", halt]
     assert (answer.accepted, answer.reason) == (False, "stopped before it was armed")
+
+
+class SlowRobot:
+    """Has one STOP at a time under way, as a `CommandClient` has."""
+
+    def send(self, kind: str, mission: Mission | None) -> str:
+        return kind
+
+
+def test_all_who_stop_at_once_are_answered(config: LinkConfig, tmp_path: Path) -> None:
+    async def press() -> list[Ack]:
+        monitor = Monitor(config, tmp_path)
+        monitor._client = SlowRobot()  # type: ignore[assignment]
+        pressed = [asyncio.create_task(monitor.command("stop")) for _ in range(3)]
+        await asyncio.sleep(0)
+        monitor._answered(Ack("stop", True))
+        return await asyncio.gather(*pressed)
+
+    assert all(answer.accepted for answer in asyncio.run(press()))
+
+
+def test_a_stop_that_is_answered_late_is_logged_and_breaks_nothing(
+    config: LinkConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tools.monitor.monitor.PATIENCE_S", 0.01)
+    monitor = Monitor(config, tmp_path)
+    monitor._client = SlowRobot()  # type: ignore[assignment]
+
+    async def press() -> Ack:
+        answer = await monitor.command("stop")
+        monitor._answered(Ack("stop", True))
+        return answer
+
+    assert "STOP is repeated" in asyncio.run(press()).reason
+    assert [entry.text for entry in monitor.state.log_after(0)] == ["stop"]
+
+
+def test_a_page_that_is_closed_watches_no_longer(config: LinkConfig, tmp_path: Path) -> None:
+    monitor = Monitor(config, tmp_path)
+    assert not monitor.watched
+    for page in ("one", "other"):
+        monitor.page_showed(page)
+    monitor.page_closed("one")
+    assert monitor.watched
+    monitor.page_closed("other")
+    monitor.page_closed("other")
+    assert not monitor.watched
+
+
+def test_a_page_and_a_program_that_end_are_noticed_once(
+    config: LinkConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monitor, ended = Monitor(config, tmp_path), []
+    close = monitor.close
+    monkeypatch.setattr(monitor, "page_closed", lambda _: ended.append("page"))
+    monkeypatch.setattr(monitor, "close", lambda: ended.append("program") or close())
+    with TestClient(create_app(monitor, load_map("loop"), "secret"), base_url=ORIGIN) as browser:
+        browser.get("/?token=secret")
+        with browser.websocket_connect(LIVE, headers=HEADERS):
+            assert ended == []
+        assert until(lambda: ended == ["page"])
+    assert ended == ["page", "program"]
+
+
+class Noting:
+    """A monitor that notes what a page tells it, and answers no command."""
+
+    def __init__(self) -> None:
+        self.told: list[object] = []
+
+    def page_showed(self, _: object) -> None:
+        self.told.append("seen")
+
+    def drive_by_hand(self, _: object, stick: Stick | None) -> bool:
+        self.told.append(stick)
+        return True
+
+    async def command(self, kind: str) -> None:
+        self.told.append(kind)
+        await asyncio.Event().wait()
+
+
+def told_by(*texts: str) -> list[object]:
+    """What a monitor hears of a page that says this."""
+    said = [{"type": "websocket.receive", "text": text} for text in texts]
+    waiting = iter([*said, {"type": "websocket.disconnect"}])
+
+    class Socket:
+        async def receive(self) -> dict[str, str]:
+            await asyncio.sleep(0)
+            return next(waiting)
+
+    async def listen() -> list[object]:
+        noting = Noting()
+        page = monitor_app.Page(Socket(), noting)  # type: ignore[arg-type]
+        await asyncio.wait_for(page.listen(), 5.0)
+        return noting.told
+
+    return asyncio.run(listen())
+
+
+AHEAD = '{"manual": [0, 1]}'
+
+
+def test_a_hand_that_lets_go_is_passed_on_at_once() -> None:
+    """However short it was: the robot would roll on for the rest of 0.3 s."""
+    heard = told_by(AHEAD, AHEAD, '{"manual": null}', "seen")
+    assert heard == ["seen", Stick(0.0, 1.0), "seen", "seen", None, "seen"]
+
+
+def test_a_stick_is_passed_on_fifty_times_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    times_s = iter((100.0, 100.019, 100.021, 100.04, 100.042))
+    monkeypatch.setattr(monitor_app, "time", SimpleNamespace(monotonic=times_s.__next__))
+    heard = told_by(*[AHEAD] * 5)
+    assert heard.count(Stick(0.0, 1.0)) == 3
+    assert heard.count("seen") == 5, "who drives watches"
+
+
+def test_a_stop_that_nobody_answers_holds_up_no_other_word() -> None:
+    assert told_by("stop", "seen", "stop", "seen") == ["stop", "seen", "stop", "seen"]
 
 
 def test_a_page_that_shows_nothing_is_sent_no_more(config: LinkConfig, tmp_path: Path) -> None:

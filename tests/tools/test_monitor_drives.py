@@ -8,7 +8,7 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.link.messages import FrameMessage, MissionStatus, Telemetry
-from robot.recording.drive_file import Heard, picture
+from robot.recording.drive_file import DriveFile, Heard, picture
 from robot.recording.reader import Piece, read_samples
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
@@ -50,6 +50,16 @@ def test_a_drive_is_recorded_from_start_to_arrival(tmp_path: Path) -> None:
     assert reports[0]["mission"]["destination"] == [1.0, 0.0]
     assert [one["t_s"] for one in reports] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.6])
     assert [len(one["path"]) for one in reports] == [2, 0, 0, 0, 0, 0]
+
+
+def test_the_disk_is_asked_twice_a_second_and_never_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A slow one must not hold up a STOP."""
+    flushes: list[bool] = []
+    monkeypatch.setattr(DriveFile, "flush", lambda _, sync=True: flushes.append(sync))
+    take(tmp_path, [report(10.0 + 0.1 * i) for i in range(21)])
+    assert flushes == [False] * 4
 
 
 def test_pictures_come_back_at_their_time(tmp_path: Path) -> None:

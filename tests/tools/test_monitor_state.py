@@ -34,11 +34,13 @@ def heard(snapshot: Snapshot) -> dict[str, float | None]:
 
 
 def test_a_monitor_that_never_heard_a_robot_says_so() -> None:
-    snapshot = World().later(10.0)
+    world = World()
+    snapshot = world.later(10.0)
     assert snapshot.silent
     assert snapshot.silence_s is None
     assert snapshot.robot is None
     assert heard(snapshot)["telemetry"] is None
+    assert world.texts() == [], "it did not fall silent"
 
 
 def test_silence_is_noticed_after_a_second_and_logged_once() -> None:
@@ -54,6 +56,20 @@ def test_silence_is_noticed_after_a_second_and_logged_once() -> None:
     assert not world.later(0.1).silent
 
 
+def test_the_limits_of_silence_are_told_to_the_figure() -> None:
+    world = World()
+    world.report("AUTO")
+    assert not world.later(1.0).silent
+    snapshot = world.later(0.01)
+    assert snapshot.silent
+    assert {age.name: age.limit_s for age in snapshot.heard} == {
+        "telemetry": 1.0,
+        "picture": 0.5,
+        "localizer": 0.5,
+        "answers": 1.0,
+    }
+
+
 def test_old_and_doubled_reports_are_not_shown() -> None:
     world = World()
     world.report("READY")
@@ -61,7 +77,10 @@ def test_old_and_doubled_reports_are_not_shown() -> None:
     assert not world.report("AUTO")
     assert world.state.telemetry is not None
     assert world.state.telemetry.state == "READY"
-    assert "telemetry: out of order" in world.texts()
+    for _ in range(3):
+        world.sequence = 0
+        assert not world.report("AUTO")
+    assert world.texts().count("telemetry: out of order") == 1
 
 
 def test_changes_of_state_and_mission_are_logged_once_each() -> None:
@@ -85,6 +104,26 @@ def test_the_log_is_numbered_so_that_nothing_is_shown_twice() -> None:
     world.state.note_answer("arm", Ack("1", False, "no pose"))
     (entry,) = world.state.log_after(seen)
     assert (entry.number, entry.level, entry.text) == (seen + 1, "refused", "arm: no pose")
+
+
+def test_the_log_keeps_200_lines_and_goes_on_to_number_them() -> None:
+    state = World().state
+    for number in range(1, 351):
+        state.note("info", str(number))
+    entries = state.log_after(0)
+    assert [entry.number for entry in entries] == list(range(151, 351))
+    assert [entry.text for entry in entries] == [str(entry.number) for entry in entries]
+
+
+def test_a_localizer_that_sees_other_robots_only_is_none_of_this_one() -> None:
+    world = World()
+    daisy = Sighting("daisy", 1.0, 2.0, None, 0.5)
+    assert not world.state.take_poses(PosesMessage((daisy,), 9.0, "cam", 1, 9.0))
+    world.report()
+    assert not world.state.take_poses(PosesMessage((daisy,), 9.0, "cam", 2, 9.0))
+    snapshot = world.later(0.1)
+    assert snapshot.overhead is None
+    assert heard(snapshot)["localizer"] is None
 
 
 def test_every_stream_ages_by_itself() -> None:

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from typing import Optional, Tuple
+
 import pytest
 
 from robot.bringup.roller import Prompts
 from robot.cli.selftest import MOTIONS, try_motors
 from robot.errors import ConfigError, HardwareError
 from robot.hat.config import HatConfig, MotorConfig
+from robot.hat.stepping import Steps
 from sim_pybullet.virtual.i2c import BusFault
 from tests.robot.bringup.bench import BenchMotors, Spectator
 from tests.robot.hat.rig import ALL_OFF
@@ -82,6 +85,48 @@ class Interrupting:
         self._motors.sleep(duration_s)
         if self.now() > self._until_s:
             raise KeyboardInterrupt
+
+
+def test_after_the_last_step_nobody_is_asked_to_go_on() -> None:
+    motors = BenchMotors(HatConfig())
+    person = Spectator(motors)
+    agrees = person.agrees
+    person.agrees = lambda question: "FREELY" not in question and agrees(question)  # type: ignore[method-assign]
+    assert try_motors(HatConfig(), motors, person, motors) == 1
+    assert person.told[-1] == "FAIL  coils off"
+    assert "RESIST" in person.asked[-1]
+    assert any("switch the motor supply off at once" in line for line in person.told)
+
+
+class Late(BenchMotors):
+    """Wheels that are counted on by so many steps after a stop."""
+
+    def __init__(self, steps: Tuple[int, int]) -> None:
+        super().__init__(HatConfig())
+        self._steps = steps
+        self._stopped: Optional[Steps] = None
+
+    def stop(self) -> None:
+        left, right = super().counts
+        super().stop()
+        self._stopped = left + self._steps[0], right + self._steps[1]
+
+    @property
+    def counts(self) -> Steps:
+        return self._stopped or super().counts
+
+
+@pytest.mark.parametrize(
+    ("steps", "status"), [((17, 17), 0), ((18, 0), 1), ((0, 18), 1), ((0, -18), 1)]
+)
+def test_a_stop_that_takes_more_than_36_mm_fails_whatever_the_person_saw(
+    steps: Tuple[int, int], status: int
+) -> None:
+    motors = Late(steps)
+    person = Spectator(motors)
+    assert try_motors(HatConfig(), motors, person, motors) == status
+    assert status == 0 or person.told[-1] == "FAIL  stop"
+    assert any("at most 36 mm are right" in line for line in person.told)
 
 
 def test_wheels_on_the_floor_and_motors_that_fail_end_it() -> None:

@@ -14,8 +14,8 @@ from robot.bringup.roller import Roller
 from robot.bringup.wheels import GUIDES, baseline_from_turns, trim_from_drive
 from robot.cli.calibrate import edit_yaml
 from robot.config import RobotConfig
-from robot.errors import ConfigError
-from robot.geometry import DifferentialDrive, Pose
+from robot.errors import ConfigError, HardwareError
+from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.typed_config import load_yaml
 from tests.robot.bringup.bench import BenchMotors, Spectator
@@ -89,6 +89,42 @@ def test_what_no_robot_can_be_is_refused_with_what_was_seen() -> None:
         trim_from_drive(hat, 1.5, 1.0, 0.0)
     with pytest.raises(ConfigError, match=r"baseline.*1\.333.*-450° beyond"):
         baseline_from_turns(hat, 10.0 * math.pi, -2.5 * math.pi)
+
+
+def test_wheels_that_do_not_come_are_given_up_after_three_times_what_they_need() -> None:
+    motors = BenchMotors(HatConfig())
+    motors.dead = True
+    with motors:
+        began_s = motors.now()
+        with pytest.raises(HardwareError, match="do the motors get their commands"):
+            Roller(motors, HatConfig(), motors).roll(0.0, -0.16, 0.08)  # type: ignore[arg-type]
+        assert 9.0 <= motors.now() - began_s <= 9.2  # 2 s at that speed, and 1 s more
+
+
+def test_wheels_rest_when_they_have_stood_for_four_tenths_of_a_second() -> None:
+    with BenchMotors(HatConfig()) as motors:
+        roller = Roller(motors, HatConfig(), motors)  # type: ignore[arg-type]
+        began_s = motors.now()
+        roller.come_to_rest()
+        assert 0.4 <= motors.now() - began_s <= 0.5
+        for _ in range(10):
+            motors.set_wheels(WheelSpeeds(0.4, 0.4))  # from there the ramp takes half a second
+            motors.sleep(0.1)
+        roller.come_to_rest()
+        counts = motors.counts
+        motors.sleep(1.0)
+        assert motors.counts == counts
+
+
+@pytest.mark.parametrize("what", sorted(GUIDES))
+def test_a_person_who_does_not_say_yes_moves_nothing(what: str) -> None:
+    with BenchMotors(HatConfig()) as motors:
+        person = Spectator(motors)
+        person.agrees = lambda _: False  # type: ignore[method-assign]
+        with pytest.raises(ConfigError, match="expected a yes"):
+            GUIDES[what](Roller(motors, HatConfig(), motors), person)  # type: ignore[arg-type]
+        motors.sleep(1.0)
+        assert motors.counts == (0, 0)
 
 
 def test_a_figure_that_the_bus_cannot_carry_is_not_written(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import resource
+import threading
 import time
 from typing import Callable, List, Optional
 
@@ -83,6 +84,28 @@ def test_a_thread_that_dies_is_an_error_of_the_next_read() -> None:
             camera.read()
 
 
+def test_a_camera_is_opened_again_after_waits_that_double_up_to_8_s_until_it_plays() -> None:
+    waits: List[float] = []
+    good = iter([False] * 6 + [True] + [False] * 2)
+
+    def open_stream() -> FakeStream:
+        if not next(good):
+            raise HardwareError("no such camera")
+        return FakeStream([5])
+
+    def wait(timeout_s: Optional[float] = None) -> bool:
+        waits.append(timeout_s or 0.0)
+        if len(waits) > 8:
+            camera._ending.set()
+        return camera._ending.is_set()
+
+    camera = NewestFrame(open_stream, time.monotonic)
+    camera._ending.wait = wait  # type: ignore[method-assign]
+    with camera:
+        eventually(lambda: not camera.alive)
+    assert waits == [0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 0.5, 1.0, 2.0]
+
+
 ODD = {
     "gray": np.zeros((120, 160), np.uint8),
     "four colours": np.zeros((120, 160, 4), np.uint8),
@@ -112,6 +135,19 @@ def test_an_odd_picture_counts_as_none_and_the_next_ones_come(odd: str) -> None:
         assert frame.image.shape == FRAME_SHAPE
         assert FakeStream.opened == before + 1, "the stream was not opened anew for it"
         eventually(lambda: camera.problem == "")
+
+
+def test_a_stream_of_odd_pictures_keeps_no_processor_busy() -> None:
+    odd: List[int] = []
+
+    class Stream(FakeStream):
+        def grab(self) -> np.ndarray:
+            odd.append(1)
+            return np.zeros((3, 3), np.uint8)
+
+    with NewestFrame(lambda: Stream([]), time.monotonic):
+        time.sleep(0.3)
+    assert 0 < len(odd) <= 32, "a hundred a second at most"
 
 
 def test_nothing_but_odd_pictures_leave_the_last_frame_to_grow_old() -> None:
@@ -147,11 +183,12 @@ def test_what_a_device_may_raise_ends_a_stream_and_not_the_thread(wrong: Excepti
 def test_a_camera_comes_back_when_descriptors_do() -> None:
     """All are taken, so that none is left to open the device anew; then they are given back."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    playing = [FakeStream([1, 2])]
+    playing, none_left = [FakeStream([1, 2])], threading.Event()
 
     def open_stream() -> FakeStream:
         if playing:
             return playing.pop()
+        none_left.wait(5.0)
         os.close(os.open(os.devnull, os.O_RDONLY))
         return FakeStream([9] * 10_000)
 
@@ -163,6 +200,7 @@ def test_a_camera_comes_back_when_descriptors_do() -> None:
             with contextlib.suppress(OSError):
                 while True:
                     taken.append(os.dup(0))
+            none_left.set()
             eventually(lambda: "Too many open files" in camera.problem)
             assert camera.alive
         finally:

@@ -68,7 +68,7 @@ def test_systemd_hears_ready_the_state_the_heart_and_the_end(
             for number, handler in before.items():
                 signal.signal(number, handler)
             thread.join()
-    assert heard[0] == "READY=1"
+    assert (heard[0], heard[-1]) == ("READY=1", "STOPPING=1")
     assert any(line.startswith("STATUS=DISARMED") for line in heard)
     assert time.monotonic() - began_s >= 1.0
     assert runtimes[0].safety.verdict.state is State.DISARMED
@@ -139,3 +139,23 @@ def test_a_byte_that_is_no_text_does_not_deafen_the_terminal(
     monkeypatch.setattr("sys.stdin", typed)
     assert main(words) == 0
     assert set(asked) == {(Command.STOP, None)}  # the end of the input stops as well
+
+
+def test_without_any_input_nobody_can_type_and_the_robot_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: List[Any] = []
+
+    def until(operators: List[Any], _: object) -> None:
+        end_s = time.monotonic() + 10.0
+        while not asked:
+            assert time.monotonic() < end_s
+            operators[0].serve(lambda *what: asked.append(what) or Answer(True, ""))
+
+    words, _ = made_up_robot(tmp_path, monkeypatch, until)
+    died: List[Any] = []
+    monkeypatch.setattr(threading, "excepthook", died.append)
+    monkeypatch.setattr("sys.stdin", None)
+    assert main(words) == 0
+    assert asked == [(Command.STOP, None)]
+    assert died == []

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import io
+import os
+import signal
 import subprocess
 import sys
 import threading
+import time
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, List
+from typing import Any, Iterator, List
 
 import pytest
 
 from robot.bringup.roller import Prompts
-from robot.cli import calibrate, doctor, main, off
+from robot.cli import calibrate, doctor, main, off, selftest
 from robot.cli.install import ROOT
 from robot.computer.machine import Machine
 from robot.config import CameraConfig, RobotConfig
@@ -121,3 +125,33 @@ def test_a_drive_without_an_input_is_told_nothing_of_it(
     for thread in [t for t in threading.enumerate() if t.name == "terminal"]:
         thread.join(5.0)
     assert died == []
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("words", [["selftest"], ["calibrate", "trim"], ["calibrate", "baseline"]])
+def test_a_terminal_that_goes_away_ends_a_command_that_moves_as_ctrl_c_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: List[str], how: signal.Signals
+) -> None:
+    ended: List[bool] = []
+
+    @contextmanager
+    def motors(_: object) -> Iterator[None]:
+        try:
+            os.kill(os.getpid(), how)
+            time.sleep(5.0)
+            yield
+        finally:
+            ended.append(True)
+
+    for command in (selftest, calibrate):
+        monkeypatch.setattr(command, "real_motors", motors)
+    (tmp_path / "robot.yaml").write_text("model: m\n")
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        for number in before:
+            signal.signal(number, lambda *_: None)
+        assert main([*words, "--config", str(tmp_path / "robot.yaml")]) == 130
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert ended == [True]

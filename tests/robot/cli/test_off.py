@@ -72,6 +72,28 @@ def test_a_program_that_switches_the_coils_on_again_is_told() -> None:
     assert not rig.hat.chip.outputs.any_high
 
 
+def test_it_waits_for_a_program_that_switches_the_coils_on_again_a_moment_later() -> None:
+    """A drive's turn comes every tenth of a second, its watchdog looks every twentieth."""
+    rig = make_rig()
+    rig.driver.open()
+    rig.drive(0.2, 0.2, 1.0)
+    rounds: List[float] = []
+
+    class Contradicting:
+        def now(self) -> float:
+            return rig.clock.now()
+
+        def sleep(self, duration_s: float) -> None:
+            rig.clock.sleep(duration_s)
+            if duration_s >= 0.04 and len(rounds) < 9:
+                rounds.append(duration_s)
+                rig.bus.write(0x6F, bytes((0x12, 0, 0x10, 0, 0)))
+
+    assert switch_off(rig.bus, [0x6F], Contradicting())
+    assert len(rounds) == 9
+    assert not rig.hat.chip.outputs.any_high
+
+
 @pytest.mark.parametrize(
     ("text", "place"),
     [
@@ -126,6 +148,17 @@ def test_a_bus_that_is_stuck_keeps_the_hat_on_no_other_one_hot(
     assert "all outputs off at 0x6F" in told.out
     assert "cut the motor supply" in told.err
     assert not rig.hat.chip.outputs.any_high
+
+
+def test_a_hat_that_stays_on_is_told_before_a_wrong_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = make_rig()
+    rig.bus.inject(BusFault.STUCK, count=1_000)
+    monkeypatch.setattr(off, "open_bus", lambda bus: rig.bus)
+    (tmp_path / "robot.yaml").write_text("hat: 3")
+    assert main(["off", "--config", str(tmp_path / "robot.yaml")]) == 1
+    assert "cut the motor supply" in capsys.readouterr().err
 
 
 def test_an_absent_bus_ends_with_status_one(

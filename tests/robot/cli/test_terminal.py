@@ -1,13 +1,17 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import Iterable, Iterator, List
 
 import pytest
 
 from robot.cli.drive import Terminal
 from robot.contract import CONTROL_DT_S
+from robot.geometry import STILL
+from robot.safety.governors import Cap
 from robot.safety.state_machine import Command, State
+from robot.safety.wheel_limits import Drive
 from tests.robot.camera.test_newest import eventually
 from tests.robot.runtime.test_loop import Bench
 from tests.robot.runtime.test_rules import at_line
@@ -76,6 +80,16 @@ def test_what_a_rule_holds_the_robot_for_is_told_once_and_when_it_goes_on() -> N
         bench.clock.now_s += CONTROL_DT_S
     drives = "AUTO: auto, by a person"
     assert said == [drives, "AUTO: it stands at a stop line", drives]
+
+
+def test_a_rule_that_only_slows_the_robot_holds_it_not() -> None:
+    bench = Bench().drive()
+    terminal, said = typed()
+    tick = bench.runtime.step()
+    for most_mps in (0.05, 0.0):
+        drive = Drive(STILL, STILL, CONTROL_DT_S, Cap(most_mps, "somebody is ahead"))
+        terminal.on_tick(replace(tick, drive=drive))
+    assert said == ["AUTO: auto, by a person", "AUTO: somebody is ahead"]
 
 
 def test_changes_of_state_are_told_once() -> None:

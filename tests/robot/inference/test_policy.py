@@ -203,3 +203,12 @@ def test_metadata_that_json_cannot_hold_is_refused(tmp_path: Path, text: str) ->
 def test_a_name_that_no_file_can_have_is_refused() -> None:
     with pytest.raises(ContractError, match="expected an ONNX policy"):
         OnnxPolicy("a\0b.onnx")
+
+
+@pytest.mark.parametrize("wrong", [float("inf"), -float("inf"), float("nan")])
+def test_one_value_that_is_not_finite_is_refused(tmp_path: Path, wrong: float) -> None:
+    policy = OnnxPolicy(write_policy(tmp_path / "m.onnx", lane_contract(image=SMALL)))
+    values = np.array([[0.0, 1.0, wrong, 0.0, 0.0]], np.float32)
+    policy.answer = lambda *_, **__: values  # type: ignore[method-assign]
+    with pytest.raises(ContractError, match="expected finite values"):
+        policy.values(plain(RED))

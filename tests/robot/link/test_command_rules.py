@@ -6,7 +6,7 @@ from typing import Any, List, Optional
 
 import pytest
 
-from robot.errors import ContractError, PlanError
+from robot.errors import ContractError, HardwareError, PlanError
 from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
 from robot.link.messages import Ack, Command, Mission
@@ -126,6 +126,18 @@ def test_the_operators_age_counts_from_the_echo_and_never_from_the_future() -> N
     assert ear.server.operator_age_s() == pytest.approx(3.0), "nor does the future keep it young"
 
 
+@pytest.mark.parametrize("kind", ["arm", "auto", "mission", "manual"])
+def test_who_gets_the_helm_is_as_old_as_its_echo(kind: str) -> None:
+    ear = Ear()
+    assert ear.take(kind, 99.5).accepted
+    assert ear.server.operator_age_s() == pytest.approx(0.5)
+    ear.clock.now_s = 100.4
+    assert ear.server.operator_age_s() == pytest.approx(0.9)
+    ear.take("beat", 99.9)
+    ear.take("beat", 99.2)
+    assert ear.server.operator_age_s() == pytest.approx(0.5), "an older one makes it no older"
+
+
 def test_a_beat_for_another_session_keeps_nobody_alive() -> None:
     ear = Ear()
     ear.take("beat", robot_session="another")
@@ -206,6 +218,21 @@ def test_a_refusal_is_told_in_four_hundred_bytes_and_never_without_words() -> No
     assert ear.take("arm").reason == "refused"
 
 
+@pytest.mark.parametrize("error", [HardwareError("the HAT is gone"), KeyError("bug")])
+def test_a_part_that_fails_is_no_refusal_and_gives_nobody_the_helm(error: Exception) -> None:
+    """Whoever serves hears of it: the robot is in doubt, and stops."""
+    ear = Ear()
+
+    def failing(_: Command) -> None:
+        raise error
+
+    ear.hears(ear.command("arm").to_bytes())
+    with pytest.raises(type(error)):
+        ear.server.serve(failing)
+    assert ear.link.socket.sent == []
+    assert ear.take("arm", user="tablet").accepted
+
+
 def test_who_armed_has_the_helm_for_a_second() -> None:
     ear = Ear()
     assert ear.take("arm").accepted
@@ -263,6 +290,16 @@ def test_it_beats_ten_times_a_second_and_only_when_asked() -> None:
         assert hand.kinds() == ["beat"] * (beat + 1)
     hand.at(20.0, beat=False)
     assert len(hand.sent) == 11
+
+
+def test_nobody_is_told_what_became_of_a_beat() -> None:
+    hand = Hand()
+    assert hand.at(10.0, beat=True) == ()
+    hand.robot_says(Ack(hand.sent[0].id, True, "", "robot1", 55.5))
+    assert hand.at(10.05) == ()
+    assert hand.client.silence_s() == 0.0
+    hand.at(10.2, beat=True)
+    assert hand.at(11.3) == (), "nor that it was not answered"
 
 
 def test_a_stop_is_repeated_every_tenth_of_a_second_until_it_is_answered() -> None:

@@ -32,6 +32,19 @@ def test_the_secret_is_readable_by_its_owner_only(tmp_path: Path) -> None:
         load_keys(folder)
 
 
+def test_nobody_else_looks_into_the_folder_of_the_keys(tmp_path: Path) -> None:
+    for folder in keygen(tmp_path).values():
+        assert folder.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("mode", [0o604, 0o602, 0o601, 0o640, 0o620, 0o610, 0o666])
+def test_a_secret_that_anybody_else_may_touch_is_no_secret(tmp_path: Path, mode: int) -> None:
+    folder = keygen(tmp_path)["robot"]
+    (folder / "secret.key").chmod(mode)
+    with pytest.raises(ConfigError, match=f"mode {mode:o}; chmod 600 it"):
+        load_keys(folder)
+
+
 def test_keys_are_never_overwritten(tmp_path: Path) -> None:
     folder = keygen(tmp_path)["robot"]
     before = (folder / "secret.key").read_bytes()

@@ -180,6 +180,22 @@ def test_the_watch_looks_at_the_loop_and_at_what_grows_old_meanwhile() -> None:
     assert safety.watch().state is State.AUTO, "a newer frame may have come"
 
 
+@pytest.mark.parametrize(
+    ("reason", "inputs"),
+    [case for case in CASES if case[0] not in WATCHED[State.MANUAL] | COMES_WITH_THE_WISH],
+)
+def test_who_drives_by_hand_hands_over_only_while_every_gate_of_the_policy_holds(
+    reason: Reason, inputs: Inputs
+) -> None:
+    safety, _ = reached(State.MANUAL)
+    assert safety.check(inputs).state is State.MANUAL, reason
+    answer = safety.command(Command.AUTO)
+    assert (answer.accepted, safety.verdict.state) == (False, State.MANUAL)
+    assert answer.sentence.startswith("auto is refused: ")
+    safety.check(GOOD)
+    assert safety.command(Command.AUTO).accepted
+
+
 def test_arming_is_refused_when_the_loop_hangs() -> None:
     safety, clock = reached(State.DISARMED)
     clock.now_s += 1.0
