@@ -8,19 +8,7 @@ from robot.lens import CameraRig
 from sim_pybullet.rendering.mip_texture import mip_texture
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.rendering.rays import MAX_TAPS, FloorTable, floor_shade
-from sim_pybullet.rendering.solid_geometry import (
-    BASE,
-    BLUE,
-    COS,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    RED,
-    ROUND,
-    SIN,
-    TOP,
-    X,
-    Y,
-)
+from sim_pybullet.rendering.solid_geometry import BLUE, RED, ROUND
 from sim_pybullet.rendering.solid_kernel import in_sight
 from sim_pybullet.scene import Mover, Scene
 
@@ -255,14 +243,9 @@ def meet_boxes(
 
     ``rows`` (M, 13) as `to_camera` leaves them, ``colours`` (M, 3) as of `face_colours`.
     """
-    row = rows.T
-    c, s, x, y, half_x, half_y, base, top = pixels.of(
-        row[COS],
-        row[SIN],
-        row[COS] * row[X] + row[SIN] * row[Y],
-        row[COS] * row[Y] - row[SIN] * row[X],
-        *(row[k] for k in (HALF_LENGTH, HALF_WIDTH, BASE, TOP)),
-    )
+    x, y, c, s, *sizes = rows[:, :ROUND].T
+    own = c, s, c * x + s * y, c * y - s * x  # in the box's axes
+    c, s, x, y, half_x, half_y, base, top = pixels.of(*own, *sizes)
     into_x, out_x = pixels.slab(x - half_x, x + half_x, c * pixels.x + s * pixels.y)
     into_y, out_y = pixels.slab(y - half_y, y + half_y, c * pixels.y - s * pixels.x)
     into_z, out_z = pixels.slab(base, top, pixels.z)
@@ -277,9 +260,8 @@ def meet_cylinders(
     pixels: SolidPixels, rows: torch.Tensor, colours: torch.Tensor, lights: torch.Tensor
 ) -> Met:
     """`solid_geometry.meet_cylinder` likewise, under lights (M, 5) in the robots' axes."""
-    row, light = rows.T, lights.T
-    radius, away = row[HALF_LENGTH], row[X] ** 2 + row[Y] ** 2
-    place = row[X], row[Y], away - radius**2, row[BASE], row[TOP]
+    x, y, _, _, radius, _, base, top = rows[:, :ROUND].T
+    place, light = (x, y, x**2 + y**2 - radius**2, base, top), lights.T
     lit = light[0] / radius, light[1] / radius, *light[3:]
     x, y, outside, base, top, light_x, light_y, ambient, diffuse = pixels.of(*place, *lit)
     per_level = 1.0 / (pixels.x**2 + pixels.y**2).clamp(min=1e-12)
