@@ -6,17 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from sim_pybullet.rendering.solid_geometry import (
-    KIND,
-    NO_HIT,
-    ROUND,
-    face_colours,
-    meet_box,
-    meet_cylinder,
-    outline,
-    pixel_box,
-    to_camera,
-)
+from sim_pybullet.rendering import solid_geometry as solid
 
 
 class SolidViews(NamedTuple):
@@ -78,9 +68,9 @@ def _in_sight(views: SolidViews, i: np.int64) -> tuple[np.ndarray, np.ndarray]:
     boxes = np.empty((count, 4), np.int64)
     slot, seen = views.slots[i], 0
     for k in range(views.first[i], views.last[i]):
-        to_camera(views.rows[k], views.poses[i], views.eyes[i], rows[seen])
-        around = outline(rows[seen], views.pixel_rad[slot])
-        if pixel_box(around, views.cells[slot], boxes[seen]):
+        solid.to_camera(views.rows[k], views.poses[i], views.eyes[i], rows[seen])
+        around = solid.outline(rows[seen], views.pixel_rad[slot])
+        if solid.pixel_box(around, views.cells[slot], boxes[seen]):
             seen += 1
     return rows[:seen], boxes[:seen]
 
@@ -112,7 +102,7 @@ def in_sight(
         lights[i], count = _light(views, np.int64(i)), len(mine)
         rows[i, :count], boxes[i, :count], seen[i, :count] = mine, around, True
         for k in range(count):
-            face_colours(rows[i, k], lights[i], colours[i, k])
+            solid.face_colours(rows[i, k], lights[i], colours[i, k])
     return rows, boxes, colours, lights, seen
 
 
@@ -124,16 +114,16 @@ def _look(views: SolidViews, i: np.int64, samples: int) -> Canvas:
     light = _light(views, i) if samples > 1 else np.zeros(5)
     colours = np.empty(3, np.uint32)
     for k in range(len(rows)):
-        face_colours(rows[k], light, colours)
+        solid.face_colours(rows[k], light, colours)
         if samples == 1:
-            colours[0] = colours[1] = colours[2] = np.uint32(rows[k, KIND])
+            colours[0] = colours[1] = colours[2] = np.uint32(rows[k, solid.KIND])
         first, last = boxes[k, 2] - canvas.left, boxes[k, 3] + 1 - canvas.left
         for v in range(boxes[k, 0] - canvas.top, boxes[k, 1] + 1 - canvas.top):
             rays, depth, seen = canvas.rays[v], canvas.depth[v], canvas.seen[v]
-            if rows[k, ROUND] > 0.0:
-                meet_cylinder(rows[k], light, colours, rays, depth, seen, first, last)
+            if rows[k, solid.ROUND] > 0.0:
+                solid.meet_cylinder(rows[k], light, colours, rays, depth, seen, first, last)
             else:
-                meet_box(rows[k], colours, rays, depth, seen, first, last)
+                solid.meet_box(rows[k], colours, rays, depth, seen, first, last)
     return canvas
 
 
@@ -146,7 +136,7 @@ def _canvas(boxes: np.ndarray, directions: np.ndarray, samples: int) -> Canvas:
         top, bottom = min(top, box[0]), max(bottom, box[1])
         left, right = min(left, box[2]), max(right, box[3])
     height, width = max(0, bottom + 1 - top), max(0, right + 1 - left)
-    depth = np.full((height, samples, width), np.float32(NO_HIT))
+    depth = np.full((height, samples, width), np.float32(solid.NO_HIT))
     seen = np.empty((height, samples, width), np.uint32)
     rays = np.empty((height, 3, samples, width), np.float32)
     spread = np.float32(0.125 if samples > 1 else 0.0)
@@ -189,7 +179,7 @@ def _blend(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
         bare = np.uint32(0)
         red = green = blue = two
         for ray in range(4):
-            if depth[ray, u] < NO_HIT:
+            if depth[ray, u] < solid.NO_HIT:
                 red += seen[ray, u] & byte
                 green += seen[ray, u] >> np.uint32(8) & byte
                 blue += seen[ray, u] >> np.uint32(16)
@@ -204,5 +194,5 @@ def _blend(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
 @njit(cache=True)
 def _label(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
     for u in range(depth.shape[1]):
-        if depth[0, u] < NO_HIT:
+        if depth[0, u] < solid.NO_HIT:
             picture[u, 0] = seen[0, u]
