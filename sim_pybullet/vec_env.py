@@ -26,10 +26,6 @@ class DuckpilotVecEnv(VecEnv):
         seen = env.observation_space(world.feed.shape, world.task.guided)
         super().__init__(world.n_robots, seen, env.action_space(world, continuous))
 
-    def expert_actions(self) -> np.ndarray:
-        """(N,) what the expert would do now, who knows the true poses."""
-        return self.world.expert_actions()
-
     def reset(self) -> Any:
         """Begin an episode of every robot; the first seed and the first options count for all."""
         poses = env.start_poses(self._options[0], self.num_envs)

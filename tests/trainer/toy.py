@@ -65,7 +65,11 @@ class BrightColumn(gymnasium.Env[Any, Any]):
 
 
 class ToyVecEnv(DummyVecEnv):
-    """With the expert that DAgger asks."""
+    """With the expert that DAgger asks, who is the world's."""
+
+    @property
+    def world(self) -> "ToyVecEnv":
+        return self
 
     def expert_actions(self) -> np.ndarray:
         return np.array([env.unwrapped.bright for env in self.envs])

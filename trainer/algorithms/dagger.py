@@ -51,9 +51,9 @@ class Dagger(ddqn.DoubleDQN):
     ) -> tuple[np.ndarray, np.ndarray]:
         assert self.env is not None
         assert self._last_obs is not None
-        env: Any = self.env.unwrapped  # has a world for who has a coach, and an expert
+        env: Any = self.env.unwrapped  # has a world
         if self.coach is None:
-            expert = env.expert_actions().astype(np.int64)
+            expert = env.world.expert_actions().astype(np.int64)
         else:
             expert, _ = self.coach.predict(told(env.world), deterministic=True)
         learner, _ = self.policy.predict(self._last_obs, deterministic=True)
