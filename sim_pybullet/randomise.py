@@ -94,16 +94,12 @@ def is_reality(source: str | Path) -> bool:
     return "reality" in Path(source).parts
 
 
-def look_fields() -> tuple[str, ...]:
-    """What ``without`` may name: every group of a Look, and every field as ``group.field``."""
-    groups = to_plain(NOMINAL)
-    return (*groups, *(f"{group}.{leaf}" for group, inner in groups.items() for leaf in inner))
-
-
 def _without(data: Any, names: Sequence[str]) -> Any:
-    """Plain data of a Look less these groups and fields."""
+    """Plain data of a Look less these groups, and fields as ``group.field``."""
+    groups = to_plain(NOMINAL)
+    known = (*groups, *(f"{group}.{leaf}" for group, inner in groups.items() for leaf in inner))
     for name in names:
-        expect_one_of("without", name, look_fields())
+        expect_one_of("without", name, known)
         group, _, leaf = name.partition(".")
         if isinstance(data, dict) and isinstance(data.get(group), dict):  # else it is refused later
             data = {**data, group: {k: v for k, v in data[group].items() if leaf and k != leaf}}
