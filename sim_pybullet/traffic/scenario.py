@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from robot.errors import ConfigError, nearest
-from robot.typed_config import from_plain, read_yaml
+from robot.typed_config import load_yaml
 
 SCENARIOS_FOLDER = Path(__file__).parents[1] / "scenarios"
 Range = tuple[float, float]
@@ -60,4 +60,4 @@ def load_scenario(source: str | Path) -> Scenario:
             f"{source}: expected a scenario file or a shipped scenario; "
             f"{nearest(str(source), shipped)}"
         )
-    return from_plain(Scenario, read_yaml(path) or {}, where=str(path))
+    return load_yaml(Scenario, path)
