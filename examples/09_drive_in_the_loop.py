@@ -1,14 +1,13 @@
 """The robot's own runtime drives a shipped policy through virtual camera, HAT and wheels."""
 
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 from folder import out
 
 from robot.geometry import Pose
-from robot.inference.policy import OnnxPolicy
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from sim_pybullet.look import Look
@@ -16,7 +15,6 @@ from sim_pybullet.show import from_above
 from tools.loop.laps import LapDrive, LapRecord
 
 LAPS = float(sys.argv[2]) if len(sys.argv) > 2 else 0.5
-MODELS = Path(__file__).parents[1] / "robot" / "models"
 
 road_map = load_map("loop")
 trail = []
@@ -27,7 +25,7 @@ def watch(_tick: Tick, pose: Pose, _record: LapRecord) -> None:
     trail.append((pose.x_m, pose.y_m))
 
 
-drive = LapDrive(road_map, Look(), OnnxPolicy(MODELS / "lane_dueling.onnx"), seed=0)
+drive = LapDrive(road_map, Look(), OnnxPolicy(SHIPPED_MODELS / "lane_dueling.onnx"), seed=0)
 record = drive.drive(LAPS, watch)
 drive.close()
 off_cm = 100.0 * np.abs(record.offsets_m).mean()

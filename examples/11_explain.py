@@ -1,20 +1,17 @@
 """Explain a picture: where a shipped policy looks, and what would change its mind."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 from folder import out
 
+from robot.inference.policy import SHIPPED_MODELS
 from robot.inference.preprocess import preprocess
 from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.show import draws
 from trainer.judging.explain import Explainer, overlay
 
-MODELS = Path(__file__).parents[1] / "robot" / "models"
-
-explainer = Explainer(MODELS / "nav_ppo.onnx")
+explainer = Explainer(SHIPPED_MODELS / "nav_ppo.onnx")
 frames = draws(load_map("town"), load_look_sampler("randomised"), 4, np.random.default_rng(3))
 rows = []
 for frame in frames:
