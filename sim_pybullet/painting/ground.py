@@ -194,11 +194,11 @@ def tile_paint(kind: str, size_px: int, width_scale: float) -> np.ndarray:
         return np.ascontiguousarray(tile_paint("curve_left", size_px, width_scale)[:, ::-1])
     elif kind == "3way_left":
         planes[..., WHITE] = _band(x + 0.5, WHITE_BAND, width_scale, size_px)
-        _junction(planes, x, z, width_scale, sides=(0, 2, 3), corners=(0, 3))
+        _junction(planes, x, z, width_scale, (0, 2, 3))
     elif kind == "3way_right":
         return np.ascontiguousarray(tile_paint("3way_left", size_px, width_scale)[::-1, ::-1])
     elif kind == "4way":
-        _junction(planes, x, z, width_scale, sides=(0, 1, 2, 3), corners=(0, 1, 2, 3))
+        _junction(planes, x, z, width_scale, (0, 1, 2, 3))
     return np.round(255.0 * np.clip(planes, 0.0, 1.0)).astype(np.uint8)
 
 
@@ -260,22 +260,17 @@ def _polar_radius(lane: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _junction(
-    planes: np.ndarray,
-    x: np.ndarray,
-    z: np.ndarray,
-    scale: float,
-    sides: tuple[int, ...],
-    corners: tuple[int, ...],
+    planes: np.ndarray, x: np.ndarray, z: np.ndarray, scale: float, sides: tuple[int, ...]
 ) -> None:
-    """Stop lines on the open sides and white corner pieces, counted counter-clockwise. Side 0 is
-    the north one; corner 0 is the north-east one."""
+    """Stop lines on the open sides, counted counter-clockwise from the north, and white pieces in
+    the corners between two of them."""
     size = len(planes)
     across = np.minimum(
         _band(x, (WHITE_BAND[1] - 0.5, YELLOW_BAND[0] - 0.5), 1.0, size),
         _band(z + 0.5, (-RED_DEPTH, RED_DEPTH), scale, size),
     )
     corner = _band(np.hypot(x - 0.5, z + 0.5), WHITE_BAND, scale, size)
-    for turns in sides:
-        planes[..., RED] = np.maximum(planes[..., RED], np.rot90(across, turns))
-    for turns in corners:
-        planes[..., WHITE] = np.maximum(planes[..., WHITE], np.rot90(corner, turns))
+    for side in sides:
+        planes[..., RED] = np.maximum(planes[..., RED], np.rot90(across, side))
+        if (side - 1) % 4 in sides:
+            planes[..., WHITE] = np.maximum(planes[..., WHITE], np.rot90(corner, side))
