@@ -187,10 +187,9 @@ class CarStart(NamedTuple):
     @property
     def pose(self) -> Pose:
         """In the world."""
-        x_m, y_m, heading = self.path.pose_at(self.arc_m)
-        left_m = self.offset_m
-        x_m, y_m = x_m - left_m * math.sin(heading), y_m + left_m * math.cos(heading)
-        return Pose(x_m, y_m, heading + self.turned_rad)
+        place = self.path.pose_at(self.arc_m)
+        x_m, y_m = place.to_world(np.array((0.0, self.offset_m))).tolist()
+        return Pose(x_m, y_m, place.heading_rad + self.turned_rad)
 
 
 class Layout:
