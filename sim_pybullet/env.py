@@ -209,13 +209,8 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         step = self.world.step(np.asarray(action)[None])
         ended = len(step.finished.robots) > 0
         observation = self._show(step.finished.observation if ended else step.observation)
-        return (
-            observation,
-            float(step.reward[0]),
-            bool(step.task.terminated[0]),
-            bool(step.task.truncated[0]),
-            step_infos(self.world, step)[0],
-        )
+        ends = bool(step.task.terminated[0]), bool(step.task.truncated[0])
+        return observation, float(step.reward[0]), *ends, step_infos(self.world, step)[0]
 
     def render(self) -> np.ndarray | None:
         """The picture (H, W, 3) uint8 that the robot saw last; None unless ``rgb_array``."""
