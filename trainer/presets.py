@@ -7,15 +7,14 @@ changes stands in its own file.
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from robot.contract import ImageSpec
-from sim_pybullet.tasks.spec import find_task
+from sim_pybullet.tasks.spec import Changes, find_task
 from trainer.algorithms import find_algorithm
 from trainer.config import WHOLE_FRAME, EvaluationConfig, NetConfig, RunConfig, expect_one_of
 
 Settings = TypeVar("Settings")
-Changes = Mapping[str, Any]
 
 _PAPER_NET = NetConfig((32, 64, 64), image_fc=256, path_fc=(64, 128), head_fc=256)
 _FAST_IMAGE = ImageSpec(80, 60, crop_top_px=20)

@@ -21,7 +21,6 @@ from rich.progress import track
 
 from robot.camera.files import PICTURES, VIDEOS, picture_files, play, read_picture, write_png
 from robot.camera.source import fit_to_frame
-from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import read_contract
 from robot.inference.preprocess import preprocess
@@ -40,7 +39,7 @@ class Explainer:
     """Attention maps of an ONNX policy; ContractError if it is none, or has no convolutions."""
 
     def __init__(self, path: Path) -> None:
-        self.contract: PolicyContract = read_contract(path)
+        self.contract = read_contract(path)
         model = onnx.load(path)
         self._layers = convolution_outputs(model.graph)
         if not self._layers:
