@@ -4,12 +4,13 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import onnx
 import torch
 from onnxruntime import InferenceSession
-from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_static
+from onnxruntime.quantization import QuantType, quantize_static
 from onnxruntime.quantization.shape_inference import quant_pre_process
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
@@ -31,7 +32,7 @@ OPSET = 17
 IR_VERSION = 9  # onnxruntime 1.19, the last for Python 3.8, loads up to opset 21 and IR 10
 TOLERANCE = 1e-4  # of a value
 GREY_TOLERANCE = 1  # of a translator's pixels, by which rounding may go the other way
-CHECKED_FRAMES, NOISY_FRAMES = 1_000, 64
+CHECKED_FRAMES, NOISY_FRAMES, CALIBRATED_AT_ONCE = 1_000, 64, 32
 RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that recoveries are seen
 
 
@@ -205,6 +206,9 @@ def quantise(path: Path, calibration: dict[str, np.ndarray], out: Path) -> None:
     Only the convolutions and the layer after them are quantised: that is where the work is, while
     in the last layers it would cost several percent of the choices.
     """
+    starts = range(0, len(calibration["image"]), CALIBRATED_AT_ONCE)
+    batches = ({n: p[k : k + CALIBRATED_AT_ONCE] for n, p in calibration.items()} for k in starts)
+    reader = SimpleNamespace(get_next=lambda: next(batches, None))
     with atomically(out) as temporary:
         file = str(temporary)
         quant_pre_process(str(path), file, skip_optimization=True, skip_symbolic_shape=True)
@@ -213,18 +217,7 @@ def quantise(path: Path, calibration: dict[str, np.ndarray], out: Path) -> None:
         heavy = [n.name for n in nodes if n.op_type == "Conv" or flat.intersection(n.input)]
         types = {"activation_type": QuantType.QUInt8, "weight_type": QuantType.QInt8}
         how = {"per_channel": True, "nodes_to_quantize": heavy, **types}
-        quantize_static(file, file, _Batches(calibration), **how)
+        quantize_static(file, file, reader, **how)
         model = onnx.load(file)
         model.ir_version = IR_VERSION
         onnx.save(model, file)
-
-
-class _Batches(CalibrationDataReader):
-    def __init__(self, observations: dict[str, np.ndarray], size: int = 32) -> None:
-        self._batches = (
-            {name: part[i : i + size] for name, part in observations.items()}
-            for i in range(0, len(observations["image"]), size)
-        )
-
-    def get_next(self) -> dict[str, np.ndarray] | None:
-        return next(self._batches, None)
