@@ -24,8 +24,7 @@ from robot.errors import ContractError
 from trainer.config import NetConfig
 from trainer.envs import parts_of
 from trainer.learners.backbone import Backbone, centred, fresh, read_backbone
-from trainer.learners.on_device import PictureStore
-from trainer.learners.world import TRUE_PATH
+from trainer.learners.world import TRUE_PATH, PictureStore
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
 

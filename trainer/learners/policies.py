@@ -30,7 +30,7 @@ def common_arguments(making: Making) -> dict[str, Any]:
     """What stable-baselines3 is told of every algorithm."""
     config = making.config
     arguments = policy_arguments(config)
-    pictures = getattr(making.env, "pictures", None)  # kept on a device, see `on_device`
+    pictures = getattr(making.env, "pictures", None)  # kept on a device, see `PictureStore`
     arguments["features_extractor_kwargs"]["pictures"] = pictures
     return {
         "policy": find_algorithm(config.algorithm).policy,

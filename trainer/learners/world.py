@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import torch
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -14,7 +15,6 @@ from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise, image_changed, parts_of
 from trainer.learners.backbone import Seer
-from trainer.learners.on_device import KeptThere
 from trainer.relit import relit
 
 TRUE_PATH = "true_path"
@@ -48,6 +48,45 @@ def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
         return relit(shown, rng) if shown.ndim == 3 else np.stack([relit(s, rng) for s in shown])
 
     return SeenOtherwise(env, lambda seen, _: image_changed(seen, lit))
+
+
+class PictureStore:
+    """The newest of all pictures (H, W, 3 F) that were put here, by number, on a device.
+
+    What is drawn and learned from there never leaves it. stable-baselines3's buffers are arrays on
+    the CPU: they get the numbers, and the policy, on the device, looks up what these stand for.
+    """
+
+    def __init__(self, most: int, shape: tuple[int, ...], device: str) -> None:
+        self.shape = shape
+        self._pictures = torch.zeros((most, *shape), dtype=torch.uint8, device=device)
+        self._next = 0
+
+    def put(self, pictures: torch.Tensor) -> np.ndarray:
+        """Keep pictures (..., H, W, 3 F); their numbers (...), int64."""
+        flat = pictures.reshape(-1, *self.shape)
+        numbers = (self._next + np.arange(len(flat))) % len(self._pictures)
+        self._pictures[numbers] = flat
+        self._next = (self._next + len(flat)) % len(self._pictures)
+        return numbers.reshape(pictures.shape[: -len(self.shape)])
+
+    def take(self, numbers: torch.Tensor) -> torch.Tensor:
+        """Pictures (N, H, W, 3 F) of these numbers (N,)."""
+        return self._pictures[numbers.long()]
+
+
+class KeptThere(SeenOtherwise):
+    """In place of pictures, alone or in a dict as ``image``, their numbers in ``pictures``."""
+
+    def __init__(self, env: VecEnv, config: RunConfig) -> None:
+        shown, learn = env.observation_space, config.learn
+        rollout = getattr(learn, "rollout", 0) or getattr(learn, "a2c_rollout", 0)
+        kept = getattr(learn, "buffer", 0) or rollout * learn.robots
+        most = 2 * (kept + learn.robots)  # every step may end an episode, whose last picture counts
+        shape = parts_of(shown)["image"].shape
+        self.pictures = PictureStore(most, shape, cast(Any, env).device)
+        numbers = image_changed(shown, lambda _: spaces.Box(0, most - 1, (), np.int64))
+        super().__init__(env, lambda seen, _: image_changed(seen, self.pictures.put), numbers)
 
 
 def learning_world(config: RunConfig, make_env: EnvMaker) -> VecEnv:

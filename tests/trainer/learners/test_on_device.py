@@ -21,9 +21,8 @@ from tests.trainer.toy import build_model, make_toy, toy_config
 from trainer.commands import export_command
 from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise, draws_on_gpu, image_changed, make_env
-from trainer.learners.on_device import PictureStore
 from trainer.learners.policies import build_policy
-from trainer.learners.world import learning_world
+from trainer.learners.world import PictureStore, learning_world
 from trainer.options import TrainOptions
 from trainer.run import RunFolder
 from trainer.training.checkpoint import load_policy
