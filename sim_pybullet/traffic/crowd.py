@@ -207,13 +207,8 @@ class Crowd:
         xy_m, theirs, clear_m = self._obstacles(self.bodies(poses), mine)
         seen = np.repeat(xy_m[:, None], cars, axis=1)
         seen[:, np.arange(cars), np.arange(cars)] = np.nan  # nobody is in their own way
-        flat = groups * cars
-        steps = steps_ahead(
-            points.reshape(flat, -1, 2),
-            everyone.reshape(flat, 3),
-            seen.reshape(flat, -1, 2),
-            np.tile(clear_m, (flat, 1)),
-        )
+        ways, who, them = (a.reshape(-1, *a.shape[2:]) for a in (points, everyone, seen))
+        steps = steps_ahead(ways, who, them, np.tile(clear_m, (len(who), 1)))
         free_m = nearest(steps)[0].reshape(groups, cars)
         now = nearest(steps[:, : len(self.kinds)])
         now_m, what = (each.reshape(groups, cars) for each in now)
