@@ -23,22 +23,12 @@ _FAST = {"contract", "arcp", "nsz", "reassoc"}  # not nnan, ninf: a ray may be l
 
 def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
     """(K, 13) float64, one row per solid in the world frame."""
-    rows = [
-        (
-            solid.x_m,
-            solid.y_m,
-            math.cos(solid.heading_rad),
-            math.sin(solid.heading_rad),
-            0.5 * solid.size_m[0],
-            0.5 * solid.size_m[1] * (solid.shape == "box"),
-            solid.base_m,
-            solid.base_m + solid.size_m[2],
-            solid.shape == "cylinder",
-            int(solid.kind),
-            *solid.rgb,
-        )
-        for solid in solids
-    ]
+    rows = []
+    for each in solids:
+        place = each.x_m, each.y_m, math.cos(each.heading_rad), math.sin(each.heading_rad)
+        half = 0.5 * each.size_m[0], 0.5 * each.size_m[1] * (each.shape == "box")
+        ends = each.base_m, each.base_m + each.size_m[2]
+        rows.append((*place, *half, *ends, each.shape == "cylinder", int(each.kind), *each.rgb))
     return np.array(rows, dtype=np.float64).reshape(len(solids), 13)
 
 
