@@ -1,7 +1,7 @@
 """A2C: advantage actor-critic (Mnih et al. 2016, without the asynchrony), stable-baselines3's."""
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 from stable_baselines3 import A2C
 
@@ -30,15 +30,10 @@ def build(making: Making) -> DrivingA2C:
     return on_policy(DrivingA2C, making, **own)
 
 
-ALGORITHM = Algorithm(
-    title="A2C",
-    learn=A2cConfig(),
-    policy=DrivingActorCritic,
-    build=build,
-    presets={
-        "navigation": {"steps": 60_000, "true_path": 1.0},
-        "track": {"learn": {"entropy": 0.02}},  # of rewards of some 0.1 a decision
-        "cruise": {**CRUISE, "true_path": 1.0},
-        "debug": {"learn": {"robots": 4}},
-    },
-)
+PRESETS: dict[str, dict[str, Any]] = {
+    "navigation": {"steps": 60_000, "true_path": 1.0},
+    "track": {"learn": {"entropy": 0.02}},  # of rewards of some 0.1 a decision
+    "cruise": {**CRUISE, "true_path": 1.0},
+    "debug": {"learn": {"robots": 4}},
+}
+ALGORITHM = Algorithm("A2C", A2cConfig(), DrivingActorCritic, build, PRESETS)

@@ -200,17 +200,11 @@ def build(making: Making) -> A3C:
 
 _PAPER = {"robots": 1, "learning_rate": 0.01, "warm_up": 0, "entropy": 0.02, "normalised": False}
 _PAPER |= {"rms_decay": 0.9, "rms_epsilon": 0.1}  # B, section 3.1
-ALGORITHM = Algorithm(
-    title="A3C",
-    learn=A3cConfig(),
-    policy=DrivingActorCritic,
-    build=build,
-    presets={
-        "navigation": {"steps": 60_000},
-        "track": {"learn": {"robots": 4, "warm_up": 30_000, "entropy": 0.2, "normalised": True}},
-        "cruise": {**CRUISE, "relit": False},
-        "paper": {"learn": _PAPER},
-        "debug": {"learn": {"robots": 1, "workers": 2}},
-    },
-    shares=None,
-)
+PRESETS: dict[str, dict[str, Any]] = {
+    "navigation": {"steps": 60_000},
+    "track": {"learn": {"robots": 4, "warm_up": 30_000, "entropy": 0.2, "normalised": True}},
+    "cruise": {**CRUISE, "relit": False},
+    "paper": {"learn": _PAPER},
+    "debug": {"learn": {"robots": 1, "workers": 2}},
+}
+ALGORITHM = Algorithm("A3C", A3cConfig(), DrivingActorCritic, build, PRESETS, shares=None)

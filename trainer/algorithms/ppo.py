@@ -1,7 +1,7 @@
 """PPO: proximal policy optimisation (Schulman et al. 2017), stable-baselines3's."""
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 from stable_baselines3 import PPO
 
@@ -34,20 +34,12 @@ def build(making: Making) -> DrivingPPO:
 
 
 _TRACK = {"rollout": 32, "epochs": 4, "learning_rate": 2e-3, "gae_lambda": 0.95, "entropy": 0.05}
-ALGORITHM = Algorithm(
-    title="PPO",
-    learn=PpoConfig(),
-    policy=DrivingActorCritic,
-    build=build,
-    presets={
-        "navigation": {"steps": 60_000, "true_path": 1.0},
-        "track": {"steps": 160_000, "learn": _TRACK},
-        "cruise": {
-            **CRUISE,
-            "learn": {**CRUISE["learn"], "learning_rate": 1e-3, "rollout": 64},
-            "true_path": 1.0,
-        },
-        "debug": {"learn": {"robots": 4, "rollout": 16, "minibatch": 32}},
-    },
-    shares=Shares({"rollout": 16, "minibatch": 32}),
-)
+_CRUISE = {**CRUISE["learn"], "learning_rate": 1e-3, "rollout": 64}
+PRESETS: dict[str, dict[str, Any]] = {
+    "navigation": {"steps": 60_000, "true_path": 1.0},
+    "track": {"steps": 160_000, "learn": _TRACK},
+    "cruise": {**CRUISE, "learn": _CRUISE, "true_path": 1.0},
+    "debug": {"learn": {"robots": 4, "rollout": 16, "minibatch": 32}},
+}
+_SHARES = Shares({"rollout": 16, "minibatch": 32})
+ALGORITHM = Algorithm("PPO", PpoConfig(), DrivingActorCritic, build, PRESETS, shares=_SHARES)
