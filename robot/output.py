@@ -5,7 +5,7 @@ import math
 import os
 import shutil
 import tempfile
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Iterable, Iterator, Optional
 
@@ -64,8 +64,9 @@ def atomically(path: Path) -> Iterator[Path]:
         yield temporary
         with temporary.open("rb") as file:  # else a power cut after the renaming leaves no data
             os.fsync(file.fileno())
-        if target.exists():  # who may read it still may
+        with suppress(OSError):  # who may read it still may; FAT keeps no modes
             shutil.copymode(str(target), str(temporary))
+            os.chown(temporary, target.stat().st_uid, target.stat().st_gid)
         os.replace(temporary, target)
     finally:
         if temporary.exists():

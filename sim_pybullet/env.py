@@ -1,6 +1,6 @@
 """One robot, or N, as environments of Gymnasium."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 import gymnasium
@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 
 from robot.contract import CONTROL_DT_S, PATH_POINTS, ImageSpec
 from robot.errors import ConfigError
-from robot.typed_config import from_plain
+from robot.typed_config import from_plain, to_plain
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 from sim_pybullet.tasks.spec import Choices, find_task
 
@@ -292,7 +292,8 @@ def make_world(
     that this task has no use for.
     """
     spec = find_task(task)
-    names = (road_map or [spec.map]) if isinstance(road_map, (list, tuple)) else [road_map]
-    chosen = from_plain(Choices, choices, where=task)
+    one = isinstance(road_map, str) or not isinstance(road_map or (), Iterable)
+    names = [road_map] if one else [*(road_map or ())] or [spec.map]
+    chosen = from_plain(Choices, {k: to_plain(v) for k, v in choices.items()}, where=task)
     built = spec.build([spec.load(str(name)) for name in names], robots, chosen)
     return BatchWorld(built, spec.looks(look, pose_error), image, world_seed, pool_size)

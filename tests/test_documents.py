@@ -80,6 +80,7 @@ def test_a_broken_link_is_noticed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_and_anchor_leads_somewhere(page: Path) -> None:
     assert broken(page) == []
+    assert not re.search(r"\]\([^)\n]*$", prose(page), re.MULTILINE), "a link that does not end"
 
 
 def test_code_and_cards_cite_pages_that_exist() -> None:

@@ -274,14 +274,15 @@ def read_samples(path: PathLike) -> Iterator[Sample]:
             frame = entry
             continue
         own = own or entry.topic == topics.TURN.name
-        if own != (entry.topic == topics.TURN.name) or frame is None:
+        other = own != (entry.topic == topics.TURN.name)
+        if other or frame is None or not kept(pieces, entry.topic, entry.time_s):
             continue
         try:
             sample = _sample(entry, frame)
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             told = f"expected a turn and its picture, got: {error!r}"
             raise ContractError(f"{path}: {told}") from error
-        if sample is not None and kept(pieces, entry.topic, entry.time_s):
+        if sample is not None:
             yield sample
 
 

@@ -81,3 +81,20 @@ def test_who_may_read_a_file_still_may_when_it_is_written_anew(tmp_path: Path) -
         os.umask(before)
     assert path.stat().st_mode & 0o777 == 0o644
     assert (tmp_path / "own").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_file_stays_its_owners_where_that_can_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "robot.yaml").write_bytes(b"old")
+    told = []
+    monkeypatch.setattr(os, "chown", lambda _, *owner: told.append(owner))
+    write_bytes(tmp_path / "robot.yaml", b"new")
+    assert told == [(os.getuid(), os.getgid())]
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "chmod", refuse)  # as FAT does
+    write_bytes(tmp_path / "robot.yaml", b"newer")
+    assert (tmp_path / "robot.yaml").read_bytes() == b"newer"

@@ -43,6 +43,13 @@ def test_maps_and_scenarios_may_be_paths(tmp_path: Path) -> None:
     make("traffic", scenario=tmp_path / "nobody.yaml", **SMALL).close()
 
 
+@pytest.mark.parametrize("maps", [None, {"loop": 1}, iter(["loop"])])
+def test_maps_may_be_any_collection_and_choices_numpys(maps: Any) -> None:
+    world = make_world("lane", road_map=maps, laps=np.int64(2), start_spread=np.float32(1), **SMALL)
+    assert [each.name for each in world.task.road_maps] == ["loop"]
+    world.close()
+
+
 @pytest.mark.parametrize(
     ("look", "without"),
     [

@@ -14,6 +14,7 @@ from mcap.writer import Writer
 
 from robot.recording import topics
 from robot.recording.drive_file import png
+from robot.recording.reader import Piece, mark, read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
 
@@ -133,3 +134,9 @@ def test_a_dataset_that_cannot_be_played(
     told = refused(capsys, "from-lerobot", str(dataset), "--out", str(tmp_path / "back"))
     assert f"{dataset}: expected a whole LeRobot dataset" in told
     assert len(told) < 400
+
+
+def test_a_broken_turn_that_is_marked_bad_is_left_out(tmp_path: Path) -> None:
+    drive = made(tmp_path / "a.mcap", b"{nope", TURNS[-1])
+    mark(drive, [Piece(AT_S - 1.0, AT_S + 1.0, "bad")])
+    assert [*read_samples(drive)] == []

@@ -3,7 +3,9 @@
 import json
 import os
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -122,11 +124,14 @@ def test_an_evaluation_of_a_policy_that_has_learned_on_is_not_finished(tmp_path:
     model, out = tmp_path / "model.onnx", tmp_path / "evaluation.json"
     model.write_bytes((MODELS / "lane_ppo.onnx").read_bytes())
     asked = EvaluateOptions(model=str(model), task="lane")
-    out.write_text(json.dumps({"inputs": asked.filled_in("lane").plain()}))
+    told: Any = {"inputs": asked.filled_in("lane").plain()}
     job = EvaluateJob(out, asked, drives=False)
+    for known in ({}, {"model_sha256": sha256(model.read_bytes()).hexdigest()}):  # once not told
+        out.write_text(json.dumps({**told, **known}))
+        os.utime(model, (4e9, 4e9))  # as copies have
+        assert job.finished()
+    model.write_bytes((MODELS / "lane_dueling.onnx").read_bytes())
     os.utime(model, (1e9, 1e9))
-    assert job.finished()
-    os.utime(model, (4e9, 4e9))
     assert not job.finished()
 
 

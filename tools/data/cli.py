@@ -54,7 +54,6 @@ def cut_command(source: Positional[Path], out: Path) -> int:
     expect_writable(out, inputs=[source])
     if out.exists():
         raise ConfigError(f"{out}: expected no recording there yet; choose another --out")
-    out.parent.mkdir(parents=True, exist_ok=True)
     print(f"{out}: {cut(source, out)} messages")
     return 0
 

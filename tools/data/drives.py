@@ -91,7 +91,6 @@ def plot(drives: Sequence[Path], out: Path) -> None:
             axes.axvspan(piece.from_s - began_s, piece.to_s - began_s, color=tint, alpha=0.2)
         axes.set(title=path.stem, ylim=(-1.3, 1.3), ylabel="left 1, speed 1")
     rows[-1].set_xlabel("s; line: steering, dots: speed; blue: policy, orange: person")
-    out.parent.mkdir(parents=True, exist_ok=True)
     with atomically(out) as hidden:
         figure.savefig(str(hidden), format="png")
 

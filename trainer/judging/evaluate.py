@@ -157,6 +157,7 @@ class Evaluation:
     laps: float | None = None  # driven in an episode, where the task counts them
     mean_speed_mps: float = 0.0  # of a race car: on the real track
     by_map: tuple[OnMap, ...] = ()
+    model_sha256: str = ""  # of the policy's file; once not told
     schema: int = 1
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
 from rich.console import Console
@@ -61,13 +62,14 @@ def judge(
     places = list(map(find_task(asked.task).load, asked.map))
     refuse_like_named(places)
     parts = {place.name: part_of(place) for place in places if isinstance(place, RoadMap)}
+    known = sha256(Path(asked.model).read_bytes()).hexdigest()
     order = Missions(replace(asked, episodes=0, seed=0), films)
     seeds = range(asked.seed, asked.seed + asked.episodes)
     title = f"{asked.task} {Path(asked.model).name}"
     with kept_beside(out, console) as folder:
         rows, worst = drive_blocks(order, title, seeds, folder, workers, console)
         drives = [Drive(*row)._replace(metrics=DriveMetrics(*row[2])) for row in rows]
-        result = summarise(asked, policy, drives, parts)
+        result = replace(summarise(asked, policy, drives, parts), model_sha256=known)
         if out is not None:
             write_json(out, {**to_plain(result), "inputs": asked.plain()})
             if films:

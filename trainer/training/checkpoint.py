@@ -14,7 +14,7 @@ REMEDY = (
     "; put a copy of it back, or delete it and train from the beginning: best.pt, if it lies "
     "there, still holds the best policy so far"
 )
-_COUNTERS = ("num_timesteps", "_n_updates", "_n_calls", "_episode_num")
+_COUNTERS = ("num_timesteps", "_n_updates", "_n_calls", "_episode_num", "learning_starts")
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,11 @@ def read_state(path: Path, model: BaseAlgorithm | None = None) -> TrainState:
     """The record in a checkpoint; a freshly built model is put back where it was written."""
     with loaded(path, "the checkpoint of this run", remedy=REMEDY) as content:
         if model is not None:
-            put_back(model, content)
             replay = getattr(model, "replay_buffer", None)
+            warm_up = getattr(model, "learning_starts", 0)
+            put_back(model, content)
             if replay is not None and not replay.size():  # thrown away when the run had ended
-                cast(Any, model).learning_starts += model.num_timesteps
+                cast(Any, model).learning_starts = warm_up + model.num_timesteps
         return from_plain(TrainState, content["state"], where=str(path))
 
 

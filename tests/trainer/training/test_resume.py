@@ -14,9 +14,16 @@ from rich.console import Console
 
 from robot.errors import ConfigError
 from tests.thorough import count
-from tests.trainer.toy import QUICK, make_toy, toy_config, train_toy
+from tests.trainer.toy import QUICK, build_model, make_toy, toy_config, train_toy
 from trainer.run import RunFolder
 from trainer.training import watch
+from trainer.training.checkpoint import (
+    TrainState,
+    content_of,
+    put_back,
+    read_state,
+    save_checkpoint,
+)
 from trainer.training.train import train
 from trainer.training.watch import Watch
 
@@ -123,6 +130,19 @@ def test_a_finished_run_that_goes_on_fills_its_memory_before_it_learns(
     assert updates() == done > 0
     train_toy(replace(config, steps=600 + 5 * warm_up), tmp_path)
     assert updates() > done
+
+
+def test_those_who_learn_together_fill_their_memories_for_as_long(tmp_path: Path) -> None:
+    config = toy_config("dueling", 600)
+    folders = tmp_path / "leads", tmp_path / "follows"
+    made = [build_model(config, make_toy(config, 8, 0), folder) for folder in folders]
+    for steps in (600, 1200):  # else one takes the other's gradients for something else
+        made[0].num_timesteps = steps
+        save_checkpoint(tmp_path / "checkpoint.pt", made[0], TrainState())
+        made[0].learning_starts = 200
+        read_state(tmp_path / "checkpoint.pt", made[0])
+        put_back(made[1], content_of(made[0]))
+        assert [each.learning_starts for each in made] == [steps + 200] * 2
 
 
 def test_a_run_that_goes_on_for_longer_says_so(tmp_path: Path) -> None:
