@@ -17,6 +17,7 @@ from robot.parts import Tick
 from robot.safety.state_machine import State
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.motors import expert_actions
+from sim_pybullet.virtual.world import VirtualWorld
 from tools.loop import laps
 from tools.loop.__main__ import main
 from tools.loop.cli import LoopOptions
@@ -42,8 +43,10 @@ class ExpertPolicy:
 
 
 class StubbornPolicy(ExpertPolicy):
+    action = Action.LEFT
+
     def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:
-        return np.eye(5, dtype=np.float32)[[Action.LEFT]]
+        return np.eye(5, dtype=np.float32)[[self.action]]
 
 
 class StoppingPolicy(ExpertPolicy):
@@ -108,12 +111,37 @@ def test_the_odometry_of_the_steps_stays_near_the_truth() -> None:
     assert abs(heading_rad) < 0.15
 
 
-def test_leaving_the_lane_ends_the_drive() -> None:
-    drive = lap_drive(StubbornPolicy())
+@pytest.mark.parametrize("action", [Action.LEFT, Action.RIGHT])
+def test_leaving_the_lane_ends_the_drive(action: Action) -> None:
+    policy = StubbornPolicy()
+    policy.action = action
+    drive = lap_drive(policy)
     record = drive.drive(1.0, ignore)
     drive.close()
     assert record.left_lane
     assert record.laps < 0.2
+    *within_m, last_m = np.abs(record.offsets_m)
+    assert max(within_m) <= 0.19 * 0.585 < last_m < 0.15
+
+
+def test_touching_something_ends_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = lap_drive(ExpertPolicy())
+    monkeypatch.setattr(VirtualWorld, "collided", property(lambda world: drive.clock.now() > 1.0))
+    record = drive.drive(0.2, ignore)
+    drive.close()
+    assert record.seconds < 1.5
+    assert record.laps < 0.2
+
+
+def test_who_gets_back_along_its_lane_has_driven_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive, record = lap_drive(ExpertPolicy()), LapRecord()
+    ahead, behind = (drive.lane.pose_at(arc_m) for arc_m in (1.1, 1.0))
+    monkeypatch.setattr(drive.world, "advance", lambda *_: drive.world.place(behind))
+    drive.world.place(ahead)
+    with drive.driver:
+        drive._turn(record, ignore)
+    drive.close()
+    assert record.laps == pytest.approx(-0.1 / drive.lane.length_m, rel=0.05)
 
 
 def test_a_network_that_answers_nan_stops_the_robot_and_nothing_restarts_it() -> None:
@@ -146,6 +174,18 @@ def test_the_summary_has_the_promised_keys() -> None:
     assert promised | {"heading_rms_rad"} <= figures.keys()
     assert figures["arrived"] == 1
     json.dumps(figures)
+
+
+def test_the_summary_of_a_drive_that_ended_early() -> None:
+    record = LapRecord(1.99, 80.0, False, "FAULT", "frozen")
+    record.offsets_m, record.odometry_errors = [-0.02, 0.01], [(0.03, -0.01), (0.04, 0.01)]
+    figures = laps.summary(record, LoopOptions(laps=2.0, model=Path("a.onnx")), "nominal")
+    assert figures["arrived"] == 0
+    assert figures["stops"] == [{"fault": "frozen", "latency_s": None, "state": "FAULT"}]
+    told = {name: figures[name] for name in ("mean_path_distance_m", "max_path_distance_m")}
+    assert told == pytest.approx({"mean_path_distance_m": 0.015, "max_path_distance_m": 0.02})
+    assert figures["position_rms_m"] == pytest.approx(0.0353553, abs=1e-6)
+    assert figures["heading_rms_rad"] == pytest.approx(0.01)
 
 
 def test_only_a_translator_from_real_to_simulated_pictures_is_for_running(

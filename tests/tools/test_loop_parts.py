@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import itertools
+import math
 import signal
 import socket
 import threading
@@ -12,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ from tests.tools.pursuit import write_pursuit
 from tools.loop.bench import Bench, free_ports
 from tools.loop.devices import BusServer, Listener, PictureServer
 from tools.loop.drive import aim, whim
-from tools.loop.missions import Driver, distance_m
+from tools.loop.missions import Driver, MissionRecord, distance_m
 from tools.loop.process import Process
 from tools.loop.proxy import Proxy
 from tools.loop.shared_time import SharedTime
@@ -201,6 +202,58 @@ def test_a_start_is_put_on_the_nearest_lane_or_refused(x_m: float, y_m: float) -
     assert found is not None
     assert abs(found.distance_m) < 1e-3
     assert abs(found.angle_rad) < 0.01
+
+
+def watching(now_s: float) -> tuple[Driver, Any]:
+    """Who sends a robot on missions, and a bench whose turns take a tenth of a second."""
+    bench: Any = SimpleNamespace(road_map=load_map("arena"), now_s=now_s)
+    bench.town = SimpleNamespace(pose=Pose(0.0, 0.0, 0.0), moved_s=now_s)
+    bench.operator = SimpleNamespace(mission={}, robot={}, state="FAULT", reason="frozen")
+
+    def turn() -> None:
+        bench.now_s += 0.1
+
+    bench.operator.turn = turn
+    return Driver(bench, np.random.default_rng(0)), bench
+
+
+@pytest.mark.parametrize(("phase", "missed_m", "true"), [
+    *[("arrived", 0.149, True), ("arrived", 0.151, False), ("arrived", math.nan, False)],
+    *[("stopped", 0.01, False), ("refused", 0.0, False)],
+])  # fmt: skip
+def test_a_mission_arrived_where_it_ends_within_15_cm(
+    phase: str, missed_m: float, true: bool
+) -> None:
+    record = MissionRecord(Pose(0.0, 0.0, 0.0), (1.0, 0.0), 1.0, phase, missed_m=missed_m)
+    assert record.arrived is true
+
+
+def test_a_mission_is_a_metre_long_at_least() -> None:
+    driver, bench = watching(0.0)
+    for _ in range(40):
+        bench.town.pose = driver.anywhere()
+        assert driver._draw(None).length_m >= 1.0
+
+
+def test_a_report_is_compared_with_where_the_robot_was_when_it_was_sent() -> None:
+    driver, bench = watching(1.5)
+    bench.operator.robot = {"pose": (0.32, 0.1, math.pi - 0.1), "t_sent_s": 1.1, "sequence": 7}
+    turns = (1.0, -math.pi + 0.2), (1.5, math.pi - 0.2)  # across where headings begin again
+    driver._truth = [(at_s, Pose(2.0 * (at_s - 1.0), 0.1, rad)) for at_s, rad in turns]
+    record = MissionRecord(Pose(0.0, 0.0, 0.0), (1.0, 0.0), 1.0)
+    for _ in range(2):  # the same report counts once
+        driver._judge(record)
+    (error,) = record.errors
+    assert error == pytest.approx((0.12, -0.22))
+
+
+def test_how_fast_a_robot_stopped_is_counted_from_its_report() -> None:
+    driver, bench = watching(10.2)
+    bench.operator.robot = {"t_sent_s": 10.0}
+    stop = driver._standing()
+    assert stop.latency_s == pytest.approx(0.2)
+    assert (stop.fault, stop.state) == ("frozen", "FAULT")
+    assert bench.now_s >= 10.7, "it has stood for half a second"
 
 
 def test_the_distance_from_a_line() -> None:

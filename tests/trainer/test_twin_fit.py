@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot.contract import DRIVE
 from robot.errors import ConfigError
-from robot.geometry import compose, wrap_angle
+from robot.geometry import between, compose, wrap_angle
 from robot.navigation.road_map import RoadMap, load_map
 from robot.recording import topics
 from robot.recording.drive_file import DriveFile, png
@@ -42,6 +43,7 @@ from trainer.twin.colours import fit_colours, members, seen_from
 from trainer.twin.eye import USUAL, cover_scene, far, views_of
 from trainer.twin.fit import (
     EYE_PIECE_S,
+    Twin,
     believed,
     camera_delay,
     colours_told,
@@ -106,6 +108,38 @@ def jerky(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
     driven = commands(seconds, np.random.default_rng(0))
     track = reckoned(driven, true[None])[0]
     return true, driven, track, np.arange(10, round(10 * seconds) - 10) * 0.1
+
+
+def test_a_reckoned_way_is_the_arc_that_its_wheels_roll() -> None:
+    """To the left where the right wheel is faster; v = 0.15 m/s, w = 0.1 m/s over the baseline."""
+    known = np.array((1.0, 0.0, 1.0, PHYSICS_DT_S, PHYSICS_DT_S, 0.0, 0.0, 0.0, 0.0))
+    track = reckoned(np.tile((0.1, 0.2), (180, 1)), known[None])[0]
+    rate_radps = 0.1 / DRIVE.baseline_m
+    turned, radius_m = rate_radps * 60 * PHYSICS_DT_S, 0.15 / rate_radps
+    arc = (radius_m * math.sin(turned), radius_m * (1.0 - math.cos(turned)), turned)
+    assert between(track[100:101], track[160:161])[0] == pytest.approx(arc, abs=2e-4)
+
+
+def test_who_is_late_tells_where_the_robot_was_before() -> None:
+    track = np.column_stack([np.arange(91.0) * PHYSICS_DT_S] * 3)
+    told = at_times(track, np.array((1.0, 2.0)), 0.25)
+    assert told == pytest.approx(np.array([[0.75] * 3, [1.75] * 3]))
+
+
+def test_a_look_lies_two_deviations_around_what_was_found_and_no_time_below_0() -> None:
+    found: dict[str, tuple[Any, float]] = {"drive.gain": (1.0, 0.05), "drive.delay_s": (0.01, 0.02)}
+    unseen: Any = None
+    told = Twin(found, (), unseen, np.zeros(0), ()).plain()["drive"]
+    assert told["gain"] == {"uniform": [0.9, 1.1]}
+    assert told["delay_s"] == {"uniform": [0.0, 0.05]}
+
+
+def test_a_robot_stands_in_pictures_before_its_first_command() -> None:
+    driven = np.zeros((120, 2))
+    driven[60:] = 0.1  # from 2 s on
+    times_s, none = np.arange(40) * 0.1, np.zeros((0, 4))
+    drive = Recorded("", driven, times_s, np.arange(40), none, none, 0.0, ())
+    assert fit._still(drive) == list(range(21))
 
 
 def test_a_way_bends_between_the_poses_that_tell_it() -> None:

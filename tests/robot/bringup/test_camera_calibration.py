@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Callable, Dict, List, Tuple
 
 import numpy as np
@@ -73,10 +74,52 @@ def test_what_cannot_be_is_refused_with_the_residual(wrong: str) -> None:
         fit_mount(corners, FISHEYE, NEAR_M, Mount())
 
 
+def test_the_squares_are_three_centimetres_wide() -> None:
+    """Far row first, from left to right; of 8 squares across the fourth corner is in the middle."""
+    corners = board_points_m(0.18)
+    assert corners[[0, 3, 6, 27]] == pytest.approx(
+        np.array([(0.30, 0.09, 0.0), (0.30, 0.0, 0.0), (0.30, -0.09, 0.0), (0.21, -0.09, 0.0)])
+    )
+
+
+def test_a_picture_is_taken_after_the_camera_has_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    pictures = iter(range(99))
+    camera = SimpleNamespace(grab=lambda: next(pictures), close=lambda: None)
+    monkeypatch.setattr(chessboard, "open_stream", lambda *_: camera)
+    assert chessboard.take_picture(CameraConfig()) == 15
+
+
 def test_a_board_told_at_the_wrong_distance_is_noticed() -> None:
     pixels = CameraRig(FISHEYE, Mount()).to_pixels(board_points_m(0.30))
     with pytest.raises(ConfigError, match="the board lies 120 mm farther"):
         fit_mount(pixels, FISHEYE, NEAR_M, Mount())
+
+
+# The least and the most that a robot's camera may be found to have, each with a little beyond.
+BOUNDS = {
+    "height_m": ((0.031, 0.029), (0.39, 0.41)),
+    "pitch_rad": ((-4.9, -5.1), (59.0, 61.0)),
+    "roll_rad": ((-11.9, -12.1), (11.9, 12.1)),
+    "yaw_rad": ((-11.9, -12.1), (11.9, 12.1)),
+    "forward_m": ((0.017, 0.015), (0.115, 0.117)),  # 5 cm from 0.066 m
+    "left_m": ((-0.049, -0.051), (0.049, 0.051)),
+}
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_mount_that_no_robot_has_is_refused(name: str) -> None:
+    for within, beyond in BOUNDS[name]:
+        for value in (within, beyond):
+            told = value if name.endswith("_m") else math.radians(value)
+            mount = replace(Mount(), **{name: told})
+            pixels = CameraRig(FISHEYE, mount).to_pixels(board_points_m(NEAR_M))
+            if value == within:
+                found, _ = fit_mount(pixels, FISHEYE, NEAR_M, Mount())
+                assert vars(found) == pytest.approx(vars(mount), abs=1e-5)
+                continue
+            named = "the board lies" if name in ("forward_m", "left_m") else f"camera {name}"
+            with pytest.raises(ConfigError, match=named):
+                fit_mount(pixels, FISHEYE, NEAR_M, Mount())
 
 
 def test_the_command_writes_pitch_and_height_and_nothing_else(
@@ -125,8 +168,10 @@ def test_a_lens_that_cannot_be_is_refused() -> None:
     boards = held_boards(FISHEYE, 12, rng)
     with pytest.raises(ConfigError, match=r"expected 8 pictures or more.*got 5"):
         fit_lens(boards[:5], (640, 480))
-    with pytest.raises(ConfigError, match="hold the board into every corner"):
-        fit_lens([0.3 * board for board in boards], (640, 480))
+    covered = min(np.ptp(np.concatenate(boards), axis=0) / (640, 480))
+    for share, told in ((0.3, "30 %"), (0.59, "59 %")):
+        with pytest.raises(ConfigError, match=f"{told}.*hold the board into every corner"):
+            fit_lens([share / covered * board for board in boards], (640, 480))
     shaken = [board + rng.normal(0.0, 3.0, board.shape) for board in boards]
     with pytest.raises(ConfigError, match=r"miss the fitted lens by|no lens fits"):
         fit_lens(shaken, (640, 480))

@@ -120,7 +120,17 @@ def test_what_is_no_recording_is_told_once(tmp_path: Path) -> None:
     assert str(told.value).count("expected") == 1
 
 
-@pytest.mark.parametrize("piece", [Piece(5.0, 5.2, "good"), Piece(4.0, 4.95, "bad")])
+def test_a_piece_lasts_from_its_first_moment_to_just_before_its_last() -> None:
+    good, bad = Piece(5.0, 6.0, "good"), Piece(5.0, 6.0, "bad")
+    for time_s, within in ((4.999, False), (5.0, True), (5.999, True), (6.0, False)):
+        assert kept([good], "/turn", time_s) is within
+        assert kept([bad], "/turn", time_s) is not within
+    assert not kept([good, bad], "/turn", 5.5), "what is both is bad"
+
+
+@pytest.mark.parametrize(
+    "piece", [Piece(5.0, 5.2, "good"), Piece(5.0, 5.1, "good"), Piece(4.0, 4.95, "bad")]
+)
 def test_a_picture_stays_for_every_turn_that_may_have_seen_it(piece: Piece) -> None:
     """Whatever turn stays: one that lies between two pieces has what it saw, too."""
     pieces = [piece] if piece.kind == "good" else [piece, Piece(5.15, 9.0, "bad")]

@@ -386,3 +386,16 @@ def test_who_stood_before_something_has_not_forgotten_it_when_nothing_was_told_f
         rule, cap = rule.after(Road(0.0, 0.0, 0.0, RoadAhead(free_m, 0.03)))
         assert (cap.most_mps > 0.0) is goes
     assert KeepApart().after(Road(0.0, 0.0, 0.0, RoadAhead(0.15, 0.03)))[1].most_mps > 0.0
+
+
+@pytest.mark.parametrize(("sigma_m", "turns"), [(0.01, 9), (0.0, 0)])
+def test_who_stood_goes_after_a_second_of_nothing_or_at_once_where_nothing_errs(
+    sigma_m: float, turns: int
+) -> None:
+    rule, cap = KeepApart().after(Road(0.0, 0.0, 0.0, RoadAhead(0.03)))
+    assert cap.most_mps == 0.0
+    caps = []
+    for k in range(1, 12):
+        rule, cap = rule.after(Road(0.1 * k, 0.0, 0.0, RoadAhead(FREE, sigma_m)))
+        caps.append(cap.most_mps)
+    assert caps == [0.0] * turns + [FREE] * (11 - turns)

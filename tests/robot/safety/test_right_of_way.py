@@ -107,6 +107,20 @@ def test_of_those_who_come_seconds_after_each_other_one_is_inside() -> None:
         crossing(tuple(zip(arms, after_s)), names, float(rng.choice((0.0, ERROR_S))), seed)
 
 
+@pytest.mark.parametrize(("arm", "name", "most_s"), [
+    *[(3, "c", -0.3), (2, "c", -0.3), (2, "a", 0.7), (1, "c", 0.7)],
+])  # fmt: skip
+def test_who_came_so_much_later_lets_one_go_first(arm: int, name: str, most_s: float) -> None:
+    """b, from arm 0: before who is on the left or faces it with a higher name, by less."""
+    own = AtJunction(0, 9.0, "b")
+    for later_s in (most_s - 0.01, most_s + 0.01):
+        rule, cap = FirstCome(), Cap()
+        road = RoadAhead(junction=Junction(own, (AtJunction(arm, 9.0 + later_s, name),)))
+        for k in range(11):
+            rule, cap = rule.after(Road(10.0 + 0.1 * k, 0.0, 0.0, road))
+        assert (cap.most_mps == math.inf) is (later_s > most_s)
+
+
 def test_two_turns_do_not_fall_together_because_a_third_comes() -> None:
     crossing(((0, 0.4), (1, 3.9), (3, 0.0)), "cad", 0.0, 0)
 

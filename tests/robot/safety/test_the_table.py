@@ -86,6 +86,27 @@ PASSES: Dict[str, Dict[str, object]] = {
     "link_lost": {"link_age_s": 0.99},
     "manual_stale": {"manual_age_s": 0.29},
 }
+# What a person is told of each gate, with the figures of `SHUTS`.
+TOLD = {
+    "loop_late": "the control loop is 210 ms old, more than 200 ms",
+    "frame_stale": "the camera's newest frame is 201 ms old, more than 200 ms",
+    "frame_frozen": "the same picture 6 times",
+    "picture_blind": "the last picture that shows anything is 510 ms old, more than 500 ms",
+    "picture_wrong": "upside down",
+    "picture_still": "for 1.3 s the picture has not moved",
+    "non_finite": "no finite values",
+    "duplicate_publisher": "two localizers",
+    "pose_jump": "jumped",
+    "pose_doubt": "tell another way than the wheels",
+    "not_moving": "the wheels step, but the overhead poses stand",
+    "pose_stale": "the newest overhead pose is 1010 ms old, more than 1000 ms",
+    "pose_unsure": "known to 8 cm and 6 degrees, not to 8 cm and 20 degrees",
+    "off_map": "off the map",
+    "off_path": "left its planned path",
+    "no_mission": "no destination",
+    "link_lost": "the operator's last sign of life is 1010 ms old, more than 1000 ms",
+    "manual_stale": "the last manual command is 310 ms old, more than 300 ms",
+}
 # Where arming, AUTO and MANUAL are refused while a gate is shut.
 ROBOT = ("loop_late", "frame_stale", "frame_frozen", "link_lost")
 REFUSES: Dict[str, Tuple[str, ...]] = {
@@ -130,6 +151,12 @@ def test_every_command_in_every_state(state: str, command: str) -> None:
     answer = safety.command(Command(command))
     assert answer.accepted is (leads != "-")
     assert safety.verdict.state.value == (state if leads in "-=" else leads)
+    if leads == "-":
+        possible = ", ".join(sorted(c for c, way in zip(COMMANDS, LEADS[state]) if way not in "-="))
+        assert answer.sentence == f"{command} is not possible in {state}; possible: {possible}"
+    if leads not in "-=":
+        assert (safety.verdict.reason.value, answer.sentence) == ("person", "")
+        assert safety.verdict.sentence == f"{command}, by a person"
     assert (safety.verdict.state in MOVING) is (safety.verdict.state.value in ("AUTO", "MANUAL"))
 
 
@@ -155,6 +182,11 @@ def test_every_gate_in_every_state(state: str, gate: str) -> None:
 
 
 @pytest.mark.parametrize("gate", GATES)
+def test_every_gate_says_what_is_wrong(gate: str) -> None:
+    assert TOLD[gate] in shut(gate, "MANUAL" if gate == "manual_stale" else "AUTO").verdict.sentence
+
+
+@pytest.mark.parametrize("gate", GATES)
 @pytest.mark.parametrize("state", ["HOLD", "FAULT", "DISARMED"])
 @pytest.mark.parametrize("command", ["auto", "manual"])
 def test_after_every_trouble_only_arming_leads_on(state: str, gate: str, command: str) -> None:
@@ -174,6 +206,35 @@ def test_what_refuses_a_wish_to_move(command: str, gate: str) -> None:
         clock.now_s += 0.21
     answer = safety.command(Command(command))
     assert answer.accepted is (gate not in REFUSES[command])
+
+
+@pytest.mark.parametrize("command", ["arm", "auto", "manual"])
+def test_after_a_clock_that_jumped_back_nobody_can_arm_or_drive(command: str) -> None:
+    safety, clock = reached("DISARMED" if command == "arm" else "READY")
+    clock.now_s -= 0.01
+    answer = safety.command(Command(command))
+    assert not answer.accepted
+    assert "the clock jumped" in answer.sentence
+
+
+@pytest.mark.parametrize("state", ["DISARMED", "HOLD", "FAULT"])
+def test_arming_asks_what_was_seen_last_whatever_the_state_was(state: str) -> None:
+    safety, _ = reached(state)
+    safety.check(replace(GOOD, frame_age_s=0.3))
+    if state == "FAULT":
+        assert safety.command(Command.CLEAR).accepted
+    assert "frame is 300 ms old" in safety.command(Command.ARM).sentence
+    assert safety.verdict.state.value in ("DISARMED", "HOLD")
+
+
+def test_a_state_is_dated_from_the_moment_that_it_began() -> None:
+    safety, clock = reached("READY")
+    clock.now_s += 0.05
+    safety.command(Command.AUTO)
+    assert safety.verdict.since_s == clock.now_s
+    clock.now_s += 0.05
+    safety.check(GOOD)
+    assert safety.verdict.since_s == pytest.approx(clock.now_s - 0.05)
 
 
 @pytest.mark.parametrize("gate", PASSES)
@@ -201,6 +262,8 @@ def test_an_age_that_cannot_be_is_too_old(name: str, state: str, leads: str, age
     safety, _ = reached(state)
     safety.check(replace(GOOD, **{name: age_s}))
     assert safety.verdict.state.value == leads
+    told = "not moved" if name == "still_s" else "not come yet" if age_s == math.inf else "future"
+    assert told in safety.verdict.sentence
 
 
 @pytest.mark.parametrize("part", PARTS)
