@@ -14,7 +14,7 @@ from robot.contract import CONTROL_DT_S, Action
 from robot.errors import ConfigError, ContractError
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchStep, BatchWorld
-from sim_pybullet.episodes import LookPool
+from sim_pybullet.episodes import DrawnEpisodes, LookPool, NumberedEpisodes
 from sim_pybullet.look import NOMINAL, DriveLook, GroundLook, Look, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
@@ -194,6 +194,31 @@ def test_worlds_of_one_seed_share_their_floors_and_leave_none_behind() -> None:
     del pools
     gc.collect()
     assert floor() is None
+
+
+def test_another_seed_paints_other_worlds() -> None:
+    sampler = load_look_sampler("randomised")
+    each = [DrawnEpisodes([LOOP], sampler, 1, seed, 1) for seed in (3, 3, 4)]
+    first, same, other = (episodes.setting(0, 0)[1].look for episodes in each)
+    assert first == same
+    assert first.ground != other.ground
+
+
+def test_four_numbered_episodes_of_a_map_share_paint_and_nothing_else() -> None:
+    sampler, bean = load_look_sampler("randomised"), load_map("rings/bean")
+
+    def look(number: int, seed: int = 3, maps: int = 1) -> Look:
+        episodes = NumberedEpisodes([LOOP, bean][:maps], sampler, 1, seed, [number])
+        return episodes.setting(0, number % maps)[2]
+
+    first = look(0)
+    assert look(0) == first
+    assert look(0, seed=4).ground != first.ground
+    assert look(0, seed=4).drive != first.drive
+    assert [look(k).ground == first.ground for k in (1, 3, 4)] == [True, True, False]
+    assert look(1).drive != first.drive
+    both = [look(k, maps=2).ground == first.ground for k in (0, 1, 6, 7, 8)]
+    assert both == [True, False, True, False, False]
 
 
 def test_an_empty_pool_is_refused() -> None:

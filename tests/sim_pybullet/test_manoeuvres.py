@@ -1,4 +1,5 @@
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,3 +75,15 @@ def test_what_has_no_manoeuvres_is_refused():
         Manoeuvres([load_map("arena"), load_map("town")], 4)
     with pytest.raises(MapError, match="expected bends or junctions"):
         manoeuvres(read_map({"tiles": [["straight/E"] * 4], "tile_size": 0.5}, "road"))
+
+
+def test_no_manoeuvre_leads_through_what_stands_in_a_lane():
+    arena = load_map("arena")
+    bend = next(lane for lane in arena.lanes if lane.tile.kind.startswith("curve"))
+    at = bend.pose_at(0.5)
+    place = [at.x_m / arena.tile_size_m, arena.rows - at.y_m / arena.tile_size_m]
+    barred = replace(arena, objects=[{"kind": "duckie", "pos": place}])
+    left = manoeuvres(barred)
+    assert 20 < len(left) < 32
+    for path in left:
+        assert np.hypot(*(path.points_m - at[:2]).T).min() > 0.09

@@ -64,6 +64,8 @@ def test_a_look_survives_yaml(tmp_path: Path) -> None:
         ({"sky": {"zenith_rgb": [0, 0, 256]}}, r"sky\.zenith_rgb: expected 0 to 255, got 256"),
         ({"drive": {"delay_s": float("inf")}}, r"drive\.delay_s: expected float, got inf"),
         ({"ground": {"wear": {"normal": [1]}}}, r"ground\.wear: cannot draw normal"),
+        ({"camera": {"height_m": {"uniform": [0.1, 1.1]}}}, r"0\.01 to 1\.0, got 1\.1"),
+        ({"camera": {"height_m": {"normal": [0.1, 0.04]}}}, r"0\.01 to 1\.0, got -0\.0"),
         ({"ground": {"wear": {"unifrom": [0, 1]}}}, r"wear: expected float"),
         ({"ground": {"wear": "new"}}, r"wear: expected float, got 'new'"),
     ],
@@ -151,3 +153,16 @@ def test_gains_are_halved_as_often_as_doubled() -> None:
     assert (draws < 0.5).mean() == pytest.approx(0.25, abs=0.04)
     assert draws.min() >= 0.25
     assert draws.max() <= 4.0
+
+
+def test_whole_numbers_include_both_ends_and_normal_ones_end_at_three_deviations() -> None:
+    drawn = {
+        "light": {"gloss": {"normal": [0.5, 0.1]}},
+        "ground": {"texture_seed": {"integer": [4, 6]}},
+    }
+    sample, rng = look_sampler(drawn), np.random.default_rng(0)
+    looks = [sample(rng) for _ in range(5_000)]
+    assert {look.ground.texture_seed for look in looks} == {4, 5, 6}
+    gloss = np.array([look.light.gloss for look in looks])
+    assert (gloss.min(), gloss.max()) == pytest.approx((0.2, 0.8))
+    assert (gloss.mean(), gloss.std()) == pytest.approx((0.5, 0.1), rel=0.03)

@@ -295,3 +295,18 @@ def test_what_racing_is_to_others() -> None:
         "TrackRacing-v0": {"pool_size": 10},
         "TrackRacingLooks-v0": {"pool_size": 10, "look": "tracks"},
     }
+
+
+def test_each_track_has_limits_of_its_own() -> None:
+    """Of two tracks without a wall, beside the middle at the mean of how far one may be."""
+    tracks = [load_track("forest"), load_track("karting")]
+    limits_m = [line.half_width_m + line.verge_m for line in map(centre_line, tracks)]
+    offset_m = float(np.mean(limits_m)) + 0.5 * SCALE
+    task, ended = TrackRacing(tracks, 1), []
+    for number in (0, 1):
+        task.reset(np.zeros(1, int), np.random.default_rng(0), number)
+        place = centre_line(tracks[number]).path.pose_at(float(task.course.arc_m[0]))
+        pose = np.array([(*place.to_world(np.array((0.0, offset_m))), place.heading_rad)])
+        ended.append(bool(task.step(pose, np.zeros(1, bool)).terminated[0]))
+    assert ended == [limit_m < max(limits_m) for limit_m in limits_m]
+    assert sum(ended) == 1

@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import torch
 from robot.contract import PATH_POINTS, PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
-from tests.trainer.toy import make_toy, toy_config, train_toy
+from tests.trainer.toy import build_model, make_toy, toy_config, train_toy
 from trainer import export
 from trainer.algorithms import NAMES
 from trainer.config import RunConfig
@@ -19,6 +20,8 @@ from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
 from trainer.presets import preset
 from trainer.run import RunFolder
+from trainer.torch_file import save_torch
+from trainer.training.checkpoint import Evaluated, TrainState, save_checkpoint
 
 
 def network_and_contract(config: RunConfig) -> tuple[GreedyNetwork, PolicyContract]:
@@ -61,6 +64,18 @@ def test_another_network_is_noticed(tmp_path: Path) -> None:
     other = GreedyNetwork(build_policy(config))
     with pytest.raises(ContractError, match="agree within"):
         check_equal(other, tmp_path / "model.onnx", observations(config, 8))
+
+
+def test_one_answer_that_differs_by_a_ten_thousandth_is_told(tmp_path: Path) -> None:
+    assert (export.TOLERANCE, export.GREY_TOLERANCE) == (1e-4, 1)
+    ours, theirs = np.zeros((100, 5)), np.zeros((100, 5))
+    for wrong in (0.5, -0.5):
+        theirs[7, 3] = wrong
+        assert export.expect_alike(tmp_path, ours, theirs, 0.5) == 0.5
+        with pytest.raises(ContractError, match=r"they differ by 0\.5"):
+            export.expect_alike(tmp_path, ours, theirs, 0.49)
+    with pytest.raises(ContractError):
+        export.expect_alike(tmp_path, ours, theirs * np.nan, 0.5)
 
 
 def test_int8_loads_where_fp32_does_and_chooses_alike(tmp_path: Path) -> None:
@@ -112,6 +127,26 @@ def test_a_run_is_exported_and_checked_on_its_own_frames(tmp_path: Path) -> None
     assert json.loads(folder.exported.read_text()) == asdict(exported)
     contract = OnnxPolicy(folder.onnx_int8).contract
     assert (contract.run, contract.trained_steps, contract.score) == (tmp_path.name, 1_000, 1.0)
+
+
+def test_the_policy_that_an_evaluation_kept_is_exported_and_not_the_last_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(export, "CHECKED_FRAMES", 16)
+    monkeypatch.setattr(export, "quantise", lambda path, _, out: shutil.copy(path, out))
+    config, folder = toy_config("dueling", 1_000), RunFolder(tmp_path)
+    env, seen = make_toy(config, 8, 0), observations(config, 16)
+    kept, last = (build_model(config, env, tmp_path / name) for name in ("kept", "last"))
+    last.policy.q_net.q_net[1][-1].bias.data += torch.arange(5)  # else both are of one seed
+    judged = tuple(
+        Evaluated(step, 1.0, share, 9.0, 16.0, 1.0) for step, share in ((300, 0.75), (600, 0.5))
+    )
+    save_torch(folder.best, kept.policy.state_dict())
+    save_checkpoint(folder.checkpoint, last, TrainState(evaluations=judged))
+    export_run(folder, config, env)
+    assert check_equal(GreedyNetwork(kept.policy), folder.onnx, seen) <= 1e-4
+    contract = OnnxPolicy(folder.onnx).contract
+    assert (contract.trained_steps, contract.score) == (300, 0.75)
 
 
 def test_a_run_without_an_evaluation_has_nothing_to_export(tmp_path: Path) -> None:

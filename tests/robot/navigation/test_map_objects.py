@@ -121,6 +121,7 @@ def test_slots_are_in_metres() -> None:
         ({"kind": "duckie"}, "expected one position"),
         ({"kind": "duckie", "pos": [1, 1], "pose": {}}, "got pos and pose"),
         ({"kind": "duckie", "pos": [1]}, "expected 2 numbers"),
+        ({"kind": "duckie", "pos": [1, 1, 1]}, "expected 2 numbers"),
         ({"kind": "duckie", "pos": [1, float("nan")]}, "expected a number"),
         ({"kind": "duckie", "pos": [1, 1], "height": 1, "scale": 1}, "height or scale, got both"),
         ({"kind": "duckie", "pos": [1, 1], "height": -1}, "above 0 m"),

@@ -84,6 +84,13 @@ def test_a_hint_moves_on_along_the_path_as_far_as_it_improves() -> None:
     assert path.project(2.9, 0.1, hint=0).arc_m == pytest.approx(2.9)
     assert path.project(0.0, 0.1, hint=149).arc_m == pytest.approx(0.0)
     assert path.project(9.0, 0.0, hint=100).arc_m == pytest.approx(3.0)
+    assert path.project(0.5, 0.1, hint=500).arc_m == pytest.approx(0.5), "of a longer path"
+    beyond, last = LOOP.pose_at(0.5), LOOP.pose_at(-0.5)  # round a closed path's beginning, too
+    for hint in range(len(LOOP.arc_m) - 20, len(LOOP.arc_m)):
+        assert LOOP.project(*beyond[:2], hint=hint).arc_m == pytest.approx(0.5, abs=1e-3)
+    for hint in range(20):
+        arc_m = LOOP.project(*last[:2], hint=hint).arc_m
+        assert arc_m == pytest.approx(LOOP.length_m - 0.5, abs=1e-3)
 
 
 def test_a_hint_keeps_to_its_branch_where_the_path_crosses_itself() -> None:
@@ -142,6 +149,9 @@ def test_an_open_path_goes_on_straight_and_a_closed_one_round() -> None:
     np.testing.assert_allclose(
         OPEN.pose_at(OPEN.length_m + 0.5)[:2], end.to_world(np.array([0.5, 0.0])), atol=1e-9
     )
+    bent = Path.from_beziers([np.array([[0.0, 0.0], [0.4, 0.0], [0.6, 0.2], [0.6, 0.4]])])
+    for beyond_m, heading_rad in ((-0.5, 0.0), (bent.length_m + 0.5, 0.5 * math.pi)):
+        assert bent.pose_at(beyond_m).heading_rad == pytest.approx(heading_rad)
     np.testing.assert_allclose(LOOP.pose_at(LOOP.length_m + 0.5), LOOP.pose_at(0.5))
 
 
@@ -166,6 +176,17 @@ def test_lane_loops_of_every_ring_are_smooth(data_dir: FilePath) -> None:
             closed = np.vstack((path.points_m, path.points_m[:1]))
             assert np.hypot(*np.diff(closed, axis=0).T).max() <= 1.001 * SPACING_M
     assert rings > 30
+
+
+def test_of_several_rings_the_longest_counts() -> None:
+    small = ["curve_left/W", "curve_left/N"], ["curve_left/S", "curve_left/E"]
+    large = [[west, "straight/E", east] for west, east in small]
+    for west, east, reaches in ((small, large, (1.5, 3.0)), (large, small, (0.0, 1.5))):
+        tiles = [[*a, "grass", *b] for a, b in zip(west, east)]
+        road_map = read_map({"tiles": tiles, "tile_size": 0.5}, "two rings")
+        for outer in (True, False):
+            x_m = lane_loop(road_map, outer).points_m[:, 0]
+            assert reaches[0] < x_m.min() < x_m.max() < reaches[1]
 
 
 @pytest.mark.parametrize(

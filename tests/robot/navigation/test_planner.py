@@ -246,3 +246,16 @@ def test_the_way_on_over_a_junction_is_as_wanted_or_else_the_other(
 def test_off_the_road_there_is_no_way_on() -> None:
     with pytest.raises(PlanError, match="start"):
         path_on(LaneGraph(load_map("town")), Pose(-3.0, 0.0, 0.0), 1.0)
+
+
+@pytest.mark.parametrize(("east", "north", "heading_deg"), [(-0.75, -0.2, 0.0), (0.2, -0.75, 90.0)])
+def test_where_two_lanes_cross_a_destination_is_on_the_one_that_is_nearer_to_drive(
+    east: float, north: float, heading_deg: float
+) -> None:
+    """Straight on into the crossing, from the west or from the south; in tiles from its middle."""
+    town = load_map("town")
+    cross = next(tile for tile in town.road_tiles if tile.kind == "4way")
+    middle = np.array((cross.column + 0.5, town.rows - cross.row - 0.5))
+    begin, goal = ((middle + at) * town.tile_size_m for at in ((east, north), (0.2, -0.2)))
+    start = Pose(float(begin[0]), float(begin[1]), math.radians(heading_deg))
+    assert plan_route(LaneGraph(town), start, (float(goal[0]), float(goal[1]))).cost < 1.2

@@ -139,6 +139,8 @@ GOOD: Dict[str, Any] = {"tiles": [["straight/E", "floor"]], "tile_size": 0.585}
         ({"tile_size": 0}, "above 0 m"),
         ({"tile_size": "big"}, "expected a number"),
         ({"tile_size": None}, "expected a number"),
+        ({"tile_size": True}, "expected a number, got True"),
+        ({"tile_size": 5.1}, "at most 5 m, got 5.1"),
         ({"object": {}}, "did you mean 'objects'"),
     ],
 )
@@ -191,3 +193,12 @@ def test_tile_at_agrees_with_the_grid(x: float, y: float) -> None:
         west, north = tile.column * 0.44, (arena.rows - tile.row) * 0.44
         assert west - 1e-9 <= x <= west + 0.44 + 1e-9
         assert north - 0.44 - 1e-9 <= y <= north + 1e-9
+
+
+def test_the_south_and_west_border_belong_to_the_grid_and_the_others_do_not() -> None:
+    arena = load_map("arena")
+    assert arena.tile_at(0.0, 0.0) is arena.tiles[-1][0]
+    assert arena.tile_at(arena.width_m, 1.0) is None
+    assert arena.tile_at(1.0, arena.height_m) is None
+    for corner, sides in ((arena.tiles[0][0], "NW"), (arena.tiles[-1][-1], "SE")):
+        assert [arena.beyond(corner, side) for side in sides] == [None, None]

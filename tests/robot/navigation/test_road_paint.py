@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robot.navigation.road_map import read_map
-from robot.navigation.road_paint import RoadPaint, road_paint
+from robot.navigation.road_paint import RoadPaint, bent_lane, road_paint
 
 CORNERS = [(x, y) for x in (0.0, 1.0) for y in (0.0, 1.0)]
 
@@ -91,3 +91,23 @@ def test_a_t_junction_has_an_edge_along_its_closed_side_only(
     paint = painted(tile)
     assert at(paint, *closed)[0] > 0.8
     assert at(paint, *opened)[0] < 0.05
+
+
+@pytest.mark.parametrize("bend_pm", [0.0, 2.0, -2.0])
+def test_the_lines_beside_a_lane_have_soft_edges_and_end_where_nothing_is_known(
+    bend_pm: float,
+) -> None:
+    """Paint 5 and 2.5 cm wide, beside the middle of a mat's lane; also half a radian on."""
+    left_m = (-0.1357, -0.1107, -0.1032, 0.0, 0.117, 0.1295, 0.3697, -0.254, -0.257, 0.451)
+    white = (1.0, 0.5, 0.25, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    yellow = (0.0, 0.0, 0.0, 0.0, 0.587, 0.32, 0.0, 0.0, 0.0, 0.0)
+    known = (1, 1, 1, 1, 1, 1, 1, 1, 0, 0)
+    points_m = np.stack((np.zeros(10), left_m), axis=-1)
+    if bend_pm:
+        turned = math.copysign(0.5, bend_pm)
+        radii_m = 1.0 / bend_pm - np.array(left_m)
+        points_m = np.stack(
+            (radii_m * math.sin(turned), 1.0 / bend_pm - radii_m * math.cos(turned)), axis=-1
+        )
+    seen = bent_lane(points_m[None], bend_pm)[0]
+    np.testing.assert_allclose(seen, np.stack((white, yellow, known), axis=-1), atol=0.002)

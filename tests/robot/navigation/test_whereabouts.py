@@ -12,12 +12,12 @@ import pytest
 from robot.errors import PlanError
 from robot.geometry import Pose, between, wrap_angle
 from robot.navigation.finding import Finding
-from robot.navigation.lane_view import LaneView
+from robot.navigation.lane_view import LaneAhead, LaneView
 from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, path_on, plan_path
 from robot.navigation.road_map import RoadMap, load_map
-from robot.navigation.whereabouts import Place, Whereabouts
+from robot.navigation.whereabouts import Place, Whereabouts, _likely
 from robot.safety.state_machine import Command
 from robot.vision.sight import Seen
 from tests.robot.navigation.test_navigator import GRAPH, TOWN, driving
@@ -397,3 +397,70 @@ def test_after_fifteen_metres_it_gives_up(forward_m: float) -> None:
     for k in range(152):
         assert ("let it drive on" in search.sentence) is (k <= 150)
         search.move(forward_m, 0.0, 0.1 * k)
+
+
+AHEAD = LaneAhead(0.02, 0.1, 0.0, 0.0, 1.0, 0.0, 0.3, 2, False)  # a left one behind its line
+
+
+def told_of(road: Optional[LaneAhead], line: float = 0.9, **errors: float) -> float:
+    """How likely a picture is that is so far off what the map shows, 5 cm sure along the lane."""
+    names = ("offset_m", "heading_rad", "curvature_pm", "line_m")
+    figures = [getattr(AHEAD, name) + errors.get(name, 0.0) for name in names]
+    kinds = np.array((0.1, 0.05, 0.8, 0.0, 0.05))
+    parts = (figures, np.array((0.01, 0.05, 0.5, 0.02)), line, 0.97, kinds, 0.0)
+    return _likely(Seen(*(np.asarray(part)[None] for part in parts)), road, 0.05)
+
+
+def test_a_picture_is_as_likely_as_what_the_map_shows_there() -> None:
+    best = math.log(0.9) + math.log(0.8)
+    assert told_of(AHEAD) == pytest.approx(best)
+    assert told_of(None) == -4.0
+    assert told_of(AHEAD, line=0.0) == pytest.approx(math.log(0.03) + math.log(0.8))
+    other = AHEAD._replace(kind=3)  # of which it says that it is none
+    assert told_of(other) == pytest.approx(math.log(0.9) + math.log(0.03))
+    far = AHEAD._replace(line_m=math.inf)
+    assert told_of(far) == pytest.approx(math.log(0.1) + math.log(0.1))
+    assert told_of(far._replace(in_junction=True)) == pytest.approx(math.log(0.1))
+    for name, variance, share in (
+        ("offset_m", 4 * 0.01**2 + 0.05**2, 1.0),
+        ("heading_rad", 4 * 0.05**2 + 0.2**2, 1.0),
+        ("curvature_pm", 0.5**2 + 0.5**2, 1.0),
+        ("line_m", 0.05**2 + 4 * 0.02**2, 0.9),
+    ):
+        for deviations, cost in ((1.0, 0.5), (-2.0, 2.0), (9.0, 4.5)):
+            off = told_of(AHEAD, **{name: deviations * math.sqrt(variance)})
+            assert off == pytest.approx(best - share * cost)
+    bent = AHEAD._replace(curvature_pm=math.nan)
+    assert told_of(bent) == pytest.approx(best - 0.5), "before a junction"
+
+
+def left_over(
+    rival: float = 0.0, driven_m: float = 0.51, sd_m: float = 0.03, apart_m: float = 2.0
+) -> Tuple[Whereabouts, Tuple[Place, ...]]:
+    """Of a place, and a rival so far from it with such a share of its weight."""
+    search = Whereabouts(GRAPH, LaneView(TOWN))
+    poses = np.tile((9.0, 9.0, 0.0), (len(search._weights), 1))
+    poses[:2] = (1.0, 1.0, 0.5), (1.0 + apart_m, 1.0, 0.5)
+    search._weights[:] = -99.0
+    search._weights[:2] = 0.0, math.log(rival) if rival else -99.0
+    search.move(driven_m, 0.0, 0.1)
+    search._fusion.put(np.arange(len(poses)), poses, (sd_m, sd_m, 0.05))
+    return search, search._left()
+
+
+def test_a_place_is_told_once_it_is_sure_and_near_enough_and_something_was_driven() -> None:
+    search, ((pose, deviations),) = left_over()
+    assert pose == pytest.approx((1.0, 1.0, 0.5))
+    assert deviations == pytest.approx((1.224 * 0.03, 1.224 * 0.03, 0.98 * 0.05), rel=1e-3)
+    assert search.places == 1
+    assert left_over(rival=0.004)[1]
+    search, told = left_over(rival=0.006)
+    assert (told, search.places, search._alive.sum()) == ((), 1, 2)
+    assert left_over(rival=0.06)[0].places == 2
+    assert left_over(driven_m=0.49)[1] == ()
+    assert left_over(sd_m=0.048)[1]
+    assert left_over(sd_m=0.05)[1] == ()  # 95 % lie within 12.2 cm
+    search, told = left_over(rival=0.9, apart_m=0.2)  # the same place
+    assert (len(told), search.places, search._alive.sum()) == (1, 1, 2)
+    search, told = left_over(rival=0.9, apart_m=0.04)
+    assert (len(told), search.places, search._alive.sum()) == (1, 1, 1), "it is there twice"

@@ -104,6 +104,17 @@ def test_the_lamp_in_the_floor_is_that_of_the_robots_look_and_heading() -> None:
     assert columns[1] > columns[0] + 15  # the robot turned left: the lamp is to the right
 
 
+def test_a_late_picture_shows_the_lamp_where_it_was() -> None:
+    light = replace(NOMINAL.light, azimuth_rad=0.0, elevation_rad=0.5, gloss=0.8)
+    feed, rng = CameraFeed(RayCamera(ImageSpec(), 1), 1), np.random.default_rng(0)
+    late = replace(NOMINAL, timing=TimingLook(camera_delay_s=6 * PHYSICS_DT_S))
+    feed.begin(0, replace(SCENE, light=light), late, np.array([0.4, 0.4, 0.0]))
+    first = feed.pictures(rng)
+    for _ in range(4):  # turns, and then stands
+        feed.record(np.array([[0.4, 0.4, 0.4]]))
+    np.testing.assert_array_equal(feed.pictures(rng), first)
+
+
 def test_pictures_share_no_memory() -> None:
     rng = np.random.default_rng(0)
     feed = feed_of(TimingLook(frame_skip=0.5))
@@ -167,9 +178,12 @@ def test_a_smear_is_as_wide_as_the_robot_turns_while_the_shutter_is_open(
 def test_a_picture_that_comes_again_is_the_last_that_came_not_the_last_that_was_taken() -> None:
     rng = np.random.default_rng(0)
     feed = feed_of(TimingLook(frame_skip=1.0), TimingLook(frame_skip=1.0))
-    first = shown_poses(feed.pictures(rng))
+    first, taken = shown_poses(feed.pictures(rng)), feed.shown.copy()
+    assert feed.fresh.all()
     for k in range(1, 5):
         feed.record(np.array([[0.1 * k, 0.5, 0.0], [0.2 * k, 0.7, 0.0]]))
         np.testing.assert_array_equal(shown_poses(feed.pictures(rng)), first)
+        np.testing.assert_array_equal(feed.shown, taken)
+        assert not feed.fresh.any()
     second = shown_poses(feed.pictures(rng, np.array([1])))
     np.testing.assert_array_equal(second, first[1:])

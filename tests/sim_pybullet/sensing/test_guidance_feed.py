@@ -2,15 +2,17 @@
 
 import math
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from robot.contract import ImageSpec
 from robot.navigation.path import path_inputs
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import ARENA_POSE, NOMINAL, DriveLook, Look, PoseLook
-from sim_pybullet.sensing.guidance_feed import GuidanceFeed
+from sim_pybullet.sensing.guidance_feed import GuidanceFeed, PoseSources
 from sim_pybullet.tasks.navigation import Navigation
 from tests.sim_pybullet.flat_camera import PoseCamera
 
@@ -124,3 +126,14 @@ def test_who_begins_anew_has_driven_nothing() -> None:
     np.testing.assert_allclose(feed.poses[0], there[0], atol=1e-3)
     feed.update(there, rng)
     np.testing.assert_allclose(feed.poses, there, atol=5e-3)
+
+
+def test_sight_corrects_each_robot_by_the_map_that_it_is_on() -> None:
+    sight, loop = Mock(), load_map("loop")
+    sight.contract.image = ImageSpec()
+    feed = GuidanceFeed(3, PoseSources("start", sight), [ARENA, loop])
+    feed._fix.see = Mock()  # type: ignore[method-assign]
+    who, images = np.array([0, 2]), np.full((2, *ImageSpec().shape), 7, np.uint8)
+    feed.see(images, who, np.array([True, False, True]), np.array([1, 0, 1]))
+    assert [view.road_map for view in feed._fix.views] == [loop, ARENA, loop]
+    assert sight.call_args.args[0].mean(axis=(1, 2, 3)).tolist() == [7.0, 0.0, 7.0]

@@ -129,3 +129,12 @@ def test_dagger_descends_on_the_likelihood_of_the_experts_choices(tmp_path: Path
     wanted = -logs.gather(1, batch.actions.long()).mean()
     assert model._update(64) == pytest.approx(float(wanted), rel=1e-5)
     assert model._update(64) < float(wanted)
+
+
+def test_when_the_expert_drives_follows_from_the_seed(tmp_path: Path) -> None:
+    drawn = []
+    for k, seed in enumerate((1, 1, 2)):
+        config = replace(with_learn("dagger"), seed=seed)
+        model: Any = build_model(config, make_toy(config, 8, 0), tmp_path / str(k))
+        drawn.append(model.rng.random())
+    assert drawn[0] == drawn[1] != drawn[2]
