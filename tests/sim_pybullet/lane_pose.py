@@ -63,7 +63,7 @@ def _reference_lane_pose(
     if tile is None or not tile.is_road:
         return None
     lanes = [
-        Lane(tile.row, tile.column, control_points_m=curve)
+        Lane(tile, control_points_m=curve)
         for curve in reference_lanes(tile, road_map)
     ]
     forward = np.array([math.cos(heading_rad), math.sin(heading_rad)])

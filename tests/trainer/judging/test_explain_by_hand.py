@@ -29,7 +29,7 @@ class Contract:
     """A policy of pictures 40 by 80 below ten rows that it does not see."""
 
     image = ImageSpec(80, 50, crop_top_px=10)
-    path_points = 0
+    path_points, frames = 0, 1
 
 
 class Session:
