@@ -62,10 +62,7 @@ def _reference_lane_pose(
     tile = road_map.tile_at(x_m, y_m)
     if tile is None or not tile.is_road:
         return None
-    lanes = [
-        Lane(tile, control_points_m=curve)
-        for curve in reference_lanes(tile, road_map)
-    ]
+    lanes = [Lane(tile, control_points_m=curve) for curve in reference_lanes(tile, road_map)]
     forward = np.array([math.cos(heading_rad), math.sin(heading_rad)])
     chords = np.array([lane.control_points_m[3] - lane.control_points_m[0] for lane in lanes])
     lane = lanes[int((chords @ forward).argmax())]
