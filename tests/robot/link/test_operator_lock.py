@@ -41,7 +41,7 @@ def test_beside_the_holder_others_may_watch_plan_clear_and_stop_and_nothing_else
 
 def test_ages_are_by_a_clock_that_nobody_sets() -> None:
     for timed in (CommandServer, CommandClient, Publisher, Subscriber, AllowList):
-        assert inspect.signature(timed).parameters["clock"].default is time.monotonic
+        assert inspect.signature(timed.__init__).parameters["clock"].default is time.monotonic
 
 
 @given(

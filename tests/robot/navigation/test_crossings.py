@@ -60,8 +60,11 @@ def test_robots_at_two_junctions_have_nothing_to_do_with_each_other() -> None:
     within = Pose(3.5 * TILE, 0.3 * TILE, 0.0)
     told = Crossings(road).update(
         9.0,
-        {"a": Traveller(first, 0.0, 0.04), "b": Traveller(second, 0.0, 0.04)}
-        | {"c": Traveller(within, 0.2, 1.0)},
+        {
+            "a": Traveller(first, 0.0, 0.04),
+            "b": Traveller(second, 0.0, 0.04),
+            "c": Traveller(within, 0.2, 1.0),
+        },
     )
     assert told["a"].others == ()
     assert [other.name for other in told["b"].others] == ["c"]
