@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import List, Optional
+from typing import List, Optional, Sequence
 
 import numpy as np
 import pytest
@@ -416,6 +416,62 @@ def test_a_picture_shows_what_was_before_the_robot_fifty_milliseconds_ago() -> N
     seen = Seen(figures, deviations, np.zeros(1), np.ones(1), np.zeros((1, 5)), np.zeros(1))
     fix.see(seen, np.ones(1, dtype=bool), 0.1)
     assert fusion.poses[0] == pytest.approx(truth.moved(0.03, 0.24), abs=2e-3)
+
+
+def corrected(
+    view: LaneView, truth: Pose, figures: Sequence[float], line: float = 0.0, turn_rad: float = 0.0
+) -> Pose:
+    """Where it believes to be after one picture, that was there to 5 cm and 0.1 rad."""
+    fusion = PoseFusion(1, FusionConfig(sight=True))
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.put(np.arange(1), np.array([truth]), (0.05, 0.05, 0.1))
+    fusion.move(np.zeros(1), np.full(1, turn_rad), 0.1)
+    deviations = np.array([[0.01, 0.02, 9.0, 0.01]])
+    told = np.full(1, line), np.ones(1), np.zeros((1, 5)), np.zeros(1)
+    seen = Seen(np.array([figures]), deviations, *told)
+    SightFix(fusion, [view]).see(seen, np.ones(1, dtype=bool), 0.1)
+    return Pose(*fusion.poses[0].tolist())
+
+
+@pytest.mark.parametrize(("seen_m", "counts"), [(0.09, False), (0.11, True)])
+def test_a_red_line_nearer_than_ten_centimetres_has_left_the_picture(
+    seen_m: float, counts: bool
+) -> None:
+    view = LaneView(TOWN)
+    begin = next(pose for pose in map(lane_pose, TOWN.lanes) if near(view, pose))
+    road = view.at(*begin)
+    assert road is not None
+    truth = begin.moved(road.line_m - 0.08, 0.0)
+    road = view.at(*truth)
+    assert road is not None
+    figures = road.offset_m, road.heading_rad, 0.0, seen_m
+    with_line, without = (corrected(view, truth, figures, line) for line in (1.0, 0.0))
+    assert (math.dist(with_line[:2], without[:2]) > 0.005) is counts
+
+
+@pytest.mark.parametrize(("askew_rad", "counts"), [(0.5, True), (0.7, False)])
+def test_who_is_askew_in_a_junction_may_mean_another_lane(askew_rad: float, counts: bool) -> None:
+    view = LaneView(TOWN)
+    within = (lane for lane in TOWN.lanes if lane.tile.is_junction)
+    poses = (Pose(*lane_pose(lane)[:2], lane_pose(lane).heading_rad + askew_rad) for lane in within)
+    truth = next(p for p in poses if (r := view.at(*p)) and abs(r.heading_rad - askew_rad) < 0.01)
+    road = view.at(*truth)
+    assert road is not None
+    assert road.in_junction
+    found = corrected(view, truth, (road.offset_m + 0.03, road.heading_rad, 0.0, 0.0))
+    assert (math.dist(found[:2], truth[:2]) > 0.005) is counts
+
+
+def test_a_heading_seen_while_it_turned_counts_less() -> None:
+    view = LaneView(load_map("loop"))
+    truth, off_rad = lane_pose(view.road_map.lanes[0]), []
+    for turn_rad in (0.0, 0.4):
+        then = view.at(*truth.moved(0.0, 0.5 * turn_rad))
+        assert then is not None
+        figures = then.offset_m, then.heading_rad + 0.05, then.curvature_pm, 0.0
+        found = corrected(view, truth, figures, turn_rad=turn_rad)
+        off_rad.append(found.heading_rad - truth.heading_rad - turn_rad)
+    assert 0.0 < off_rad[1] < 0.9 * off_rad[0]
 
 
 def near(view: LaneView, pose: Pose) -> bool:

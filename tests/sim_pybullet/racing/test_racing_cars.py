@@ -33,6 +33,13 @@ def calm_cars(count: int = 1) -> RacingCars:
     return cars
 
 
+def test_who_ended_on_grass_begins_on_asphalt() -> None:
+    cars = calm_cars(2)
+    cars.on_grass[:] = True
+    cars.reset(1, CALM)
+    assert cars.on_grass.tolist() == [True, False]
+
+
 def test_nine_actions_in_the_papers_order() -> None:
     assert len(RACING_ACTIONS) == len(RacingAction) == 9
     for action, (steer, throttle) in zip(RacingAction, RACING_ACTIONS, strict=True):
