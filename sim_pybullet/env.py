@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from robot.contract import CONTROL_DT_S, PATH_POINTS, ImageSpec
-from robot.errors import ConfigError
+from robot.errors import ConfigError, expect_between
 from robot.typed_config import from_plain, to_plain
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 from sim_pybullet.tasks.spec import Choices, find_task
@@ -292,6 +292,8 @@ def make_world(
     that this task has no use for.
     """
     spec = find_task(task)
+    expect_between("world_seed", world_seed, 0, 2**63 - 1)
+    expect_between("pool_size", pool_size, 1, 10_000)
     one = isinstance(road_map, str) or not isinstance(road_map or (), Iterable)
     names = [road_map] if one else [*(road_map or ())] or [spec.map]
     chosen = from_plain(Choices, {k: to_plain(v) for k, v in choices.items()}, where=task)

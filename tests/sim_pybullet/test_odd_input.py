@@ -30,6 +30,8 @@ FLAGS = ("static: false", "optional: true")
         ("lane", {"laps": float("nan")}, "laps"),
         ("lane", {"laps": "two"}, "laps"),
         ("lane", {"lanes": "inner"}, "did you mean 'lane'"),
+        ("lane", {"world_seed": -1}, "world_seed: expected 0"),
+        ("lane", {"pool_size": 0}, "pool_size: expected 1"),
     ],
 )
 def test_what_a_task_cannot_use_is_refused(task: str, choices: Any, told: str) -> None:
