@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import List, Tuple
 
 import pytest
@@ -56,6 +58,15 @@ def test_flush_and_close_bring_everything_to_the_disk(
     assert os.listdir(tmp_path) == ["a.mcap"]
 
 
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_a_number_that_json_has_no_word_for_is_refused(number: float, tmp_path: Path) -> None:
+    file = DriveFile(tmp_path / "a.mcap", {})
+    with pytest.raises(ValueError, match="JSON"):
+        file.add(topics.CAMERA, 1.0, {"value": number})
+    file.close()
+    assert list(entries(tmp_path / "a.mcap")) == []
+
+
 def test_a_drive_is_on_the_disk_while_it_lasts(
     tmp_path: Path, synced: List[Tuple[int, List[str]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -63,6 +74,29 @@ def test_a_drive_is_on_the_disk_while_it_lasts(
     robot = Robot(tmp_path / "robot")
     record(robot, tmp_path / "drives", robot.drive(5))
     assert len(synced) > 5
+
+
+def test_a_drive_goes_to_the_disk_each_half_second_and_not_each_turn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s, flushed_s = [7.0], []
+    write, flush = DriveLog.write, DriveFile.flush
+
+    def slow(log: DriveLog, heard: Heard) -> None:
+        write(log, heard)
+        now_s[0] += 0.125
+
+    def witness(file: DriveFile) -> int:
+        flushed_s.append(now_s[0])
+        return flush(file)
+
+    monkeypatch.setattr(DriveLog, "write", slow)
+    monkeypatch.setattr(DriveFile, "flush", witness)
+    clock = SimpleNamespace(monotonic=lambda: now_s[0])
+    monkeypatch.setattr("robot.recording.recorder.time", clock)
+    robot = Robot(tmp_path / "robot")
+    record(robot, tmp_path / "drives", robot.drive(13))  # 20 turns from arming to rest
+    assert flushed_s == [7.5, 8.0, 8.5, 9.0, 9.5]
 
 
 def test_a_drive_ends_its_recording_when_others_fill_the_disk(

@@ -142,6 +142,19 @@ def test_only_pictures_that_are_the_same_in_a_row_are_frozen() -> None:
     assert bench.state is State.AUTO
 
 
+def test_pictures_that_were_the_same_before_a_rest_do_not_count_after_it() -> None:
+    bench = Bench().drive()
+    still = np.full(FRAME_SHAPE, 7, np.uint8)
+    bench.camera.broken = lambda frame: frame._replace(image=still)
+    bench.turn(5)
+    assert bench.heard.ticks[-1].inputs.frame_repeats == 4, "one more would be frozen"
+    for command in (Command.STOP, Command.ARM, Command.AUTO):
+        assert bench.runtime.ask(command).accepted
+        bench.turn()
+    bench.turn()
+    assert (bench.state, bench.heard.ticks[-1].inputs.frame_repeats) == (State.AUTO, 1)
+
+
 def test_a_fault_that_lasts_is_written_down_once_with_its_kind(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -164,3 +177,9 @@ def test_a_turn_lasts_from_its_own_beginning() -> None:
     bench = Bench()
     tick = bench.runtime.step(lag_s=0.5)
     assert (tick.lag_s, tick.duration_s) == (0.5, pytest.approx(0.01))
+
+
+def test_turns_are_numbered_from_zero_one_by_one() -> None:
+    bench = Bench()
+    bench.turn(3)
+    assert [tick.number for tick in bench.heard.ticks] == [0, 1, 2]

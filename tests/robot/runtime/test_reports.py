@@ -11,7 +11,7 @@ from robot.link.messages import Telemetry
 from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Command
-from tests.robot.runtime.test_loop import Bench, guidance
+from tests.robot.runtime.test_loop import Bench, guidance, raises
 
 LIMITS = SafetyLimits(frame_age_s=0.21, loop_age_s=0.22, pose_age_s=1.1, link_age_s=1.2)
 
@@ -60,3 +60,10 @@ def test_one_late_turn_does_not_halve_the_rate() -> None:
         bench.clock.now_s += gap_s
     assert reports[3].fps == pytest.approx(10.0)
     assert 9.0 < reports[4].fps < 10.0
+
+
+def test_without_values_of_the_policy_none_are_told() -> None:
+    bench = Bench().drive()
+    assert driven(bench)[0].values == (0.0, 0.0, 1.0, 0.0, 0.0)
+    bench.policy.broken = raises(ValueError())
+    assert driven(bench)[0].values == ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from contextlib import nullcontext
 from dataclasses import replace
@@ -21,7 +22,9 @@ from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread
 from robot.inference.policy import SHIPPED_MODELS
 from robot.inference.preprocess import FRAME_SHAPE
-from robot.link.sockets import LinkConfig
+from robot.link.keys import keygen
+from robot.link.messages import Telemetry
+from robot.link.sockets import LinkConfig, OtherRobot, Publisher
 from robot.runtime import assemble
 from robot.runtime.assemble import open_robot
 from robot.runtime.reports import Reporter
@@ -30,6 +33,7 @@ from robot.safety.governors import Rules
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from tests.robot.fakes import FakeSubscriber, after
+from tests.robot.link.conftest import free_base_port, until
 from tests.robot.runtime.test_assemble import PATIENT, DarkCamera, RollingMotors
 from tests.robot.test_worker import Noise
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
@@ -112,3 +116,37 @@ def test_the_navigator_hears_of_every_turn_so_that_a_mission_ends_with_its_drive
     config = RobotConfig(str(model), map="town", link=configs["robot"], safety=PATIENT)
     with open_robot(config, **parts()) as runtime:
         assert runtime._navigator in runtime._subscribers
+
+
+def test_each_other_robot_is_heard_under_its_own_name_and_address(
+    configs: Dict[str, LinkConfig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    its, own = keygen(tmp_path / "its", ("robot", "monitor"))["robot"], tmp_path / "own"
+    shutil.copytree(configs["robot"].keys, own)
+    shutil.copy(its / "public.key", own / "allowed" / "rover.key")
+    shutil.copy(own / "public.key", its / "allowed" / "robot.key")
+    other = OtherRobot("rover", "127.0.0.1", free_base_port())
+    link = replace(configs["robot"], keys=str(own), robots=(other,))
+    model = str(write_policy(tmp_path / "nav.onnx", navigation_contract()))
+    sight, rules = str(SHIPPED_MODELS / "sight.onnx"), Rules(headway=True)
+    config = RobotConfig(model, map="town", link=link, sight=sight, rules=rules)
+    heard: Dict[str, Any] = {}
+    open_navigator = assemble.open_navigator
+
+    def listening(*given: Any) -> Any:
+        heard.update(given[-1])
+        return open_navigator(*given)
+
+    monkeypatch.setattr(assemble, "open_navigator", listening)
+    rover = LinkConfig(str(its), base_port=other.base_port)
+    with open_robot(config, **parts()), rover.open() as its_link:
+        publisher, got = Publisher(its_link, Telemetry), []
+
+        def arrived() -> bool:
+            publisher.send(Telemetry("rover", "AUTO"))
+            got.append(heard["rover"]())
+            return got[-1] is not None
+
+        assert until(arrived)
+    assert list(heard) == ["rover"]
+    assert (got[-1].robot, got[-1].state) == ("rover", "AUTO")

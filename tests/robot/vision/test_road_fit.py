@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Callable, Optional
+from typing import Callable, Optional, Set, Tuple
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from robot.navigation.road_paint import road_paint
-from robot.vision.road_fit import Reading, RoadFit, Verdict, washed_out
+from robot.vision.road_fit import Reading, RoadFit, Verdict, readings, washed_out
 
 ROAD: RoadMap = read_map({"tile_size": 0.585, "tiles": [["straight/E"] * 8]}, "straight")
 MIDDLE_M = 0.5 * 0.585 - 0.2 * 0.585  # of the lane that leads east, north of the south edge
@@ -30,9 +30,17 @@ def floor_seen(mount: Mount) -> np.ndarray:
     return rig.to_floor(np.stack((columns, rows), axis=-1).astype(float))
 
 
-def draw(pose: Pose = START, mount: Mount = MOUNT) -> np.ndarray:
-    """What a camera of this mounting sees of the straight road (120, 160, 3)."""
+def draw(pose: Pose = START, mount: Mount = MOUNT, bend_pm: float = 0.0) -> np.ndarray:
+    """What a camera of this mounting sees of the straight road (120, 160, 3).
+
+    At ``START`` that road may bend instead, left by ``bend_pm`` [1/m].
+    """
     floor = floor_seen(mount)
+    if bend_pm:
+        ahead_m, left_m = np.moveaxis(floor, -1, 0)
+        middle_m = 1.0 / bend_pm  # left of the robot, of the circles that the lines are on
+        out_m = np.sign(bend_pm) * np.hypot(ahead_m, middle_m - left_m)
+        floor = np.stack((ahead_m, middle_m - out_m), axis=-1)
     x_m, y_m = np.moveaxis(pose.to_world(floor.reshape(-1, 2)).reshape(120, 160, 2), -1, 0)
     picture = np.full((120, 160, 3), (150, 160, 170), np.uint8)
     with np.errstate(invalid="ignore"):
@@ -124,6 +132,32 @@ def test_a_shifted_picture_is_found_where_a_map_says_where_the_road_lies(
     assert drive(on_map, lambda picture: np.roll(picture, columns, axis=1)) == "shifted"
 
 
+def test_what_a_shifted_and_a_sheared_picture_are_held_against() -> None:
+    """Where three pixels, at the top, above the middle and in it, would have come from."""
+
+    def told(sentence: str) -> Set[Tuple[int, ...]]:
+        read = readings(np.zeros(3), np.array([-15.0, -5.0, 0.0]))
+        chosen = [each for each in read if each.sentence == sentence]
+        return {tuple(np.rint(np.r_[each.columns, each.rows]).astype(int)) for each in chosen}
+
+    aside = {(right, right, right, -15, -5, 0) for right in (-10, 10, -20)}
+    down = {(0, 0, 0, 5, -15, -10), (0, 0, 0, -5, 5, 10), (0, 0, 0, 0, 10, -15)}
+    assert told("shifted") == aside | down, "by a quarter, a third or half of the picture"
+    middle_stays = {(12, 4, 0), (-12, -4, 0)}
+    top_stays = {(0, 10, 15), (0, -10, -15)}
+    assert told("sheared") == {(*each, -15, -5, 0) for each in middle_stays | top_stays}
+
+
+def test_a_road_that_leads_north_fits_as_one_that_leads_east(on_map: RoadFit) -> None:
+    north = read_map({"tile_size": 0.585, "tiles": [["straight/N"]] * 8}, "north")
+    to_north = RoadFit(CameraRig(DUCKIEBOT_LENS), road_paint(north))
+    east = on_map.fits(draw(), START)
+    assert east is not None
+    assert east[1, 0] > 2.0
+    turned = Pose(0.585 - MIDDLE_M, START.x_m, 0.5 * math.pi)
+    assert to_north.fits(draw(), turned) == pytest.approx(east, abs=0.2)
+
+
 @pytest.mark.parametrize("left_m", [-0.06, 0.0, 0.06])
 @pytest.mark.parametrize("turned_deg", [-8.0, 0.0, 8.0])
 @pytest.mark.parametrize("pitched_deg", [-6.0, 0.0, 8.0])
@@ -134,6 +168,53 @@ def test_a_pose_and_a_mounting_may_be_off(
     mount = Mount(pitch_rad=Mount().pitch_rad + math.radians(pitched_deg), roll_rad=0.05)
     assert drive(on_map, off=off, mount=mount) == ""
     assert drive(in_lane, mount=mount) == ""
+
+
+@pytest.mark.parametrize(
+    ("bend_pm", "least"), [(-3.5, 1.3), (-1.5, 2.1), (0.0, 2.2), (1.5, 2.1), (3.5, 2.05)]
+)
+def test_a_lane_may_bend_either_way_gently_or_tightly(
+    bend_pm: float, least: float, in_lane: RoadFit
+) -> None:
+    fits = in_lane.fits(draw(bend_pm=bend_pm), None)
+    assert fits is not None
+    assert fits[1, 0] > least, "with the mounting as it is, and the picture as it is"
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "least"),
+    [(-30, 2.2), (-20, 2.2), (-10, 2.2), (0, 2.2), (10, 1.9), (20, 1.5), (30, 1.4)],
+)
+def test_a_robot_may_be_turned_in_its_lane(
+    turned_deg: float, least: float, in_lane: RoadFit
+) -> None:
+    fits = in_lane.fits(draw(START._replace(heading_rad=math.radians(turned_deg))), None)
+    assert fits is not None
+    assert fits[1, 0] > least
+
+
+def test_one_lamp_does_not_outweigh_a_road_at_night(on_map: RoadFit) -> None:
+    night = (0.15 * draw()).astype(np.uint8)
+    lamp = night.copy()
+    lamp[80:88, 80:88] = 255
+    dark, lit = (on_map.fits(picture, START) for picture in (night, lamp))
+    assert dark is not None
+    assert lit is not None
+    assert lit[:, 0].max() > 0.87 * dark[:, 0].max()
+    turned = [reading.sentence for reading in on_map.readings].index("upside down")
+    assert lit[:, turned].max() < 0.5, "nor does it make a road of a picture that shows none"
+
+
+def test_what_lies_beside_the_picture_counts_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def moved(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
+        ways = ((0, 0), (-40, 0), (40, 0), (0, -30), (0, 30))  # by whole pictures
+        return tuple(Reading("", columns + right, rows + down) for right, down in ways)
+
+    monkeypatch.setattr("robot.vision.road_fit.readings", moved)
+    fits = RoadFit(CameraRig(DUCKIEBOT_LENS)).fits(draw(), None)
+    assert fits is not None
+    assert fits[1, 0] > 2.0
+    assert np.abs(fits[:, 1:]).max() == 0.0
 
 
 def test_a_robot_beyond_the_yellow_line_sees_what_a_mirror_shows(in_lane: RoadFit) -> None:

@@ -48,6 +48,12 @@ def test_who_is_over_the_middle_of_the_road_sees_no_lane_of_its_own(
     assert as_seen(row).in_lane.tolist() == [in_lane]
 
 
+def test_a_contract_is_read_again_as_it_was_written() -> None:
+    contract = SightContract(ImageSpec(), run="one", trained_steps=7)
+    assert contract.schema == 1
+    assert SightContract.from_json(contract.to_json()) == contract
+
+
 def test_columns_in_another_order_and_answers_that_are_none_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
