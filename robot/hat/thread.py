@@ -7,8 +7,8 @@ switching off (``robot off``) need not own it.
 
 import fcntl
 import os
-import threading
 from contextlib import ExitStack, contextmanager
+from threading import RLock
 from typing import Iterator, Optional, Union
 
 from robot.computer.clock import Alarm, Clock, MonotonicClock
@@ -60,7 +60,7 @@ class MotorThread(Worker):
         super().__init__("motor")
         self._driver = driver
         self._clock = clock or MonotonicClock()
-        self._guard = threading.RLock()  # of the driver
+        self._guard = RLock()  # of the driver
         self._alarm = Alarm()
         self._turns = 0
         self._silence = Silence(WAKINGS, TURN_S)

@@ -179,6 +179,29 @@ def replace_time(stepper: Stepper) -> None:
     _replace_select(stepper)
     _replace_hardware_waits(stepper)
     sys.stdin = cast(TextIO, _typed(stepper, sys.stdin))
+    from robot.hat import thread
+
+    replace(thread, RLock=Guard)
+
+
+class Guard:
+    """A lock that its thread may take again, and hold while it sleeps: others wait in step."""
+
+    def __init__(self) -> None:
+        self._free, self._owner, self._depth = threading.Condition(), 0, 0
+
+    def __enter__(self) -> None:
+        with self._free:
+            while self._owner not in (0, threading.get_ident()):
+                self._free.wait()
+            self._owner, self._depth = threading.get_ident(), self._depth + 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._free:
+            self._depth -= 1
+            if not self._depth:
+                self._owner = 0
+                self._free.notify()
 
 
 def _typed(stepper: Stepper, lines: TextIO) -> Iterator[str]:
