@@ -116,6 +116,12 @@ class Pca9685Registers:
         """Duration of 4096 counts [s] (chapter 7.3.5)."""
         return 4096 * (self._registers[PRE_SCALE] + 1) / OSCILLATOR_HZ
 
+    def power_cycle(self) -> None:
+        """Supply lost and back: all registers at their reset values."""
+        self._before_change()
+        self._power_on()
+        self._after_change()
+
     def write(self, data: bytes) -> bool:
         """A register's number and what is written from there on; False: one is not acknowledged."""
         if not data:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 from robot.output import write_json
 from robot.safety.state_machine import State
 from robot.typed_config import to_plain
+from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
+from sim_pybullet.virtual.world import VirtualWorld
 from tools.faults import __main__ as faults
 from tools.faults import meet
 from tools.faults.case import Case, Outcome, nothing
@@ -21,7 +24,14 @@ from tools.faults.report import write_report
 from tools.faults.stage import Stage
 from tools.loop import __main__ as loop
 from tools.loop.bench import Bench
+from tools.loop.operator import Operator
 
+ACTS_ON = {  # by the names of their places on a stage
+    "bench": Bench,
+    "bench.second": Operator,
+    "bench.town.hat.chip": Pca9685Registers,
+    "bench.town.world": VirtualWorld,
+}
 STOPPED = Outcome("camera", "stops", "none", 0.26, 0.2, "FAULT", "frame | old; is it covered?", "")
 ALIKE = Outcome("camera", "hangs", "", 0.5, 0.6, "FAULT", "frame | old; clean it", "")
 DRIVES = Outcome("network", "late", "", None, 0.0, "AUTO", "auto, by a person", "")
@@ -163,3 +173,11 @@ def test_outcomes_are_read_again_as_they_were(tmp_path: Path) -> None:
     every = [STOPPED, ALIKE, DRIVES, FAILED]
     write_json(tmp_path / "faults.json", {"schema": 1, "outcomes": to_plain(every)})
     assert meet._done(tmp_path / "faults.json") == every
+
+
+def test_what_the_table_calls_by_its_place_is_there() -> None:
+    """A chip that lost its supply had no such method for days, and no quick test noticed."""
+    table = (Path(faults.__file__).parent / "cases.yaml").read_text(encoding="utf-8")
+    called = set(re.findall(r"\b(bench(?:\.[a-z_]+)*)\.([a-z_]+):", table))
+    assert called >= {("bench.town.hat.chip", "power_cycle"), ("bench", "freeze")}
+    assert [act for place, act in called if not callable(getattr(ACTS_ON[place], act, None))] == []

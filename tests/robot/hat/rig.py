@@ -15,7 +15,7 @@ from robot.hat.stepping import StepPlanner
 from sim_pybullet.virtual.clock import VirtualClock, run_until
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
-from sim_pybullet.virtual.pca9685_registers import Pca9685Registers, PwmOutputs
+from sim_pybullet.virtual.pca9685_registers import PwmOutputs
 from sim_pybullet.virtual.rotor import RotorModel
 
 ALL_OFF = b"\xfd\x10"
@@ -105,13 +105,6 @@ def speeds(planner: StepPlanner, time_s: float) -> WheelSpeeds:
     steps_m = planner._config.wheel_steps_m
     left, right = (w.at(time_s)[1] * step_m for w, step_m in zip(planner._wheels, steps_m))
     return WheelSpeeds(left, right)
-
-
-def power_cycle(chip: Pca9685Registers) -> None:
-    """Supply lost and back: all registers at their reset values."""
-    chip._before_change()
-    chip._power_on()
-    chip._after_change()
 
 
 def duty(outputs: PwmOutputs, channel: int) -> float:

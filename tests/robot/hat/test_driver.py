@@ -13,7 +13,7 @@ from robot.hat.config import HatConfig, MotorConfig
 from robot.hat.driver import HELD_S, WAKE_S
 from robot.hat.stepping import BRAKE_S
 from sim_pybullet.virtual.i2c import BusFault
-from tests.robot.hat.rig import ALL_OFF, Rig, duty, full_step_m, make_rig, power_cycle, speeds
+from tests.robot.hat.rig import ALL_OFF, Rig, duty, full_step_m, make_rig, speeds
 from tests.thorough import count
 
 START_S = WAKE_S + 0.01
@@ -410,7 +410,7 @@ def test_a_chip_that_lost_its_supply_is_noticed() -> None:
     rig = make_rig()
     with rig.driver:
         rig.drive(0.2, 0.2, 1.0)
-        power_cycle(rig.hat.chip)
+        rig.hat.chip.power_cycle()
         with pytest.raises(HardwareError, match="the chip was reset"):
             rig.drive(0.2, 0.2, 2.0)
 

@@ -7,7 +7,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
-from tests.robot.hat.rig import duty, power_cycle
+from tests.robot.hat.rig import duty
 
 channels = st.integers(0, 15)
 levels = st.lists(st.integers(0, 4096), min_size=1, max_size=16)
@@ -73,7 +73,7 @@ class LegalTraffic(RuleBasedStateMachine):
 
     @rule()
     def reset(self) -> None:
-        power_cycle(self.chip)
+        self.chip.power_cycle()
         self.levels, self.awake, self.pre_scale = [0] * 16, False, 0x1E
         self.write(0x00, 0x30)
 
