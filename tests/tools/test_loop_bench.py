@@ -50,6 +50,7 @@ def test_a_mission_from_the_page_to_the_wheels(stage: Stage) -> None:
 
 
 FAULTS = [
+    ("programs", "page not watched"),
     ("localizer", "killed"),
     ("programs", "robot SIGKILL"),
     ("camera", "freezes"),
@@ -66,7 +67,7 @@ def test_who_waits_in_vain_is_told_what_the_programs_said(stage: Stage) -> None:
 DRIVERS = [("person", "0.132,0.7"), ("expert", "0.132,1.2")]
 
 
-@pytest.mark.parametrize(("family", "name"), FAULTS[: count(2, 5)])
+@pytest.mark.parametrize(("family", "name"), FAULTS[: count(3, 6)])
 def test_a_fault_stops_the_robot_and_nothing_resumes(stage: Stage, family: str, name: str) -> None:
     (case,) = [case for case in every_case() if (case.family, case.name) == (family, name)]
     outcome = stage.play(case)

@@ -249,7 +249,7 @@ class Stage:
     def _shown(self) -> tuple[str, str]:
         """State and reason on the page, or at the robot's terminal where there is no page."""
         bench, state = self.bench, ""
-        page = bench.operator if bench.page_lives else None
+        page = bench.operator if bench.page_lives and bench.operator.watching else None
         reason = bench.processes["robot"].said().strip().rpartition("\n")[2]
         if page and not page.snapshot.get("silent"):
             state, reason = page.state, page.reason

@@ -31,6 +31,7 @@ class Operator:
         self.picture = b""
         self.watching = True
         self.closed = False  # by the monitor
+        self._unseen = False  # what was sent since we last showed that we watch
         self._time, self._port, self._name = time, port, name
         reply = self._request("GET", f"/?token={token}")
         cookie = re.match(r"[^;]+", reply.headers.get("Set-Cookie", ""))
@@ -72,7 +73,6 @@ class Operator:
 
     def look(self) -> None:
         """Take in what the page was sent, and show that we watch."""
-        shown = False
         while not self.closed and select.select([self._socket], [], [], 0.0)[0]:
             data = self._socket.recv(1 << 20)
             if not data:
@@ -83,9 +83,10 @@ class Operator:
                 if isinstance(event, Frame) and event.opcode is Opcode.BINARY:
                     self.picture = bytes(event.data)
                 elif isinstance(event, Frame) and event.opcode is Opcode.TEXT:
-                    self.snapshot, shown = json.loads(bytes(event.data))["state"], True
-        if shown and self.watching:
+                    self.snapshot, self._unseen = json.loads(bytes(event.data))["state"], True
+        if self._unseen and self.watching:
             self._protocol.send_text(b"seen")
+            self._unseen = False
         if answer := b"".join(self._protocol.data_to_send()):
             self._send(self._socket, answer)
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from robot.errors import ConfigError
+from robot.errors import ConfigError, expect_one_of
 from robot.output import write_text
 from robot.typed_config import from_plain, read_json, read_yaml
 from sim_pybullet.tasks.spec import TASKS, PaperRow, TaskSpec, find_task, learned_tasks
@@ -123,15 +123,17 @@ def _judgement(file: Path, config: RunConfig, problems: list[str]) -> Judgement 
         inputs = {k: v for k, v in data["inputs"].items() if k != "maps"}
         inputs["map"] = data["inputs"].get("maps", [])
         result = from_plain(Evaluation, {**data, "inputs": inputs}, where=str(file))
+        asked = result.inputs
+        expect_one_of(f"{file}: task", asked.task, TASKS)
     except ConfigError as error:
         problems.append(str(error))
         return None
-    asked = result.inputs
     # Ours under their conditions: nothing of the paper's is like an input zeroed.
     like = asked.zero is None and asked.task == config.task
     papers = find_task(asked.task).paper if like else {}
-    paper = papers.get(config.algorithm, PaperRow())
-    return Judgement(file, result, _where(asked, config.task), paper)
+    return Judgement(
+        file, result, _where(asked, config.task), papers.get(config.algorithm, PaperRow())
+    )
 
 
 def _where(asked: EvaluateOptions, learned: str) -> str:
