@@ -14,6 +14,7 @@ from typing import Any
 
 from websockets.client import ClientProtocol
 from websockets.frames import Frame, Opcode
+from websockets.protocol import State
 from websockets.uri import parse_uri
 
 from robot.contract import Stick
@@ -21,6 +22,7 @@ from tools.loop.timekeeper import BenchError, Timekeeper
 
 TURN_S = 0.05
 ANSWER_S = 5.0
+LONGEST_S = 0.25  # real time that what was sent may take
 
 
 class Operator:
@@ -31,7 +33,7 @@ class Operator:
         self.picture = b""
         self.watching = True
         self.closed = False  # by the monitor
-        self._unseen = False  # what was sent since we last showed that we watch
+        self._unseen = 0  # states that we have not said we saw
         self._time, self._port, self._name = time, port, name
         reply = self._request("GET", f"/?token={token}")
         cookie = re.match(r"[^;]+", reply.headers.get("Set-Cookie", ""))
@@ -72,8 +74,11 @@ class Operator:
         self.look()
 
     def look(self) -> None:
-        """Take in what the page was sent, and show that we watch."""
-        while not self.closed and select.select([self._socket], [], [], 0.0)[0]:
+        """Take in all that the page was sent by now, and show that we watch."""
+        if opened := self._protocol.state is State.OPEN:
+            self._protocol.send_ping(b"")  # its answer comes after all that was sent before
+            self._flush()
+        while select.select([self._socket], [], [], LONGEST_S * opened)[0]:
             data = self._socket.recv(1 << 20)
             if not data:
                 self.closed = True
@@ -83,12 +88,14 @@ class Operator:
                 if isinstance(event, Frame) and event.opcode is Opcode.BINARY:
                     self.picture = bytes(event.data)
                 elif isinstance(event, Frame) and event.opcode is Opcode.TEXT:
-                    self.snapshot, self._unseen = json.loads(bytes(event.data))["state"], True
-        if self._unseen and self.watching:
+                    self.snapshot = json.loads(bytes(event.data))["state"]
+                    self._unseen += 1
+                elif isinstance(event, Frame) and event.opcode is Opcode.PONG:
+                    opened = False
+        while self._unseen and self.watching:
             self._protocol.send_text(b"seen")
-            self._unseen = False
-        if answer := b"".join(self._protocol.data_to_send()):
-            self._send(self._socket, answer)
+            self._unseen -= 1
+        self._flush()
 
     def ask(
         self,
@@ -108,7 +115,7 @@ class Operator:
     def steer(self, stick: Stick) -> None:
         """Drive by hand, as a gamepad at the page does."""
         self._protocol.send_text(json.dumps({"manual": [round(v, 4) for v in stick]}).encode())
-        self._send(self._socket, b"".join(self._protocol.data_to_send()))
+        self._flush()
 
     def _open_page(self) -> socket.socket:
         self._protocol = ClientProtocol(parse_uri(f"ws://127.0.0.1:{self._port}/ws"), max_size=None)
@@ -138,6 +145,10 @@ class Operator:
         reply.begin()
         connection.close()
         return reply
+
+    def _flush(self) -> None:
+        if data := b"".join(self._protocol.data_to_send()):
+            self._send(self._socket, data)
 
     def _send(self, connection: socket.socket, data: bytes) -> None:
         connection.sendall(data)
