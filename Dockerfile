@@ -16,7 +16,8 @@ WORKDIR /home/duck/duckpilot
 COPY --chown=duck pyproject.toml constraints.txt Makefile README.md LICENSE ./
 RUN make setup
 COPY --chown=duck . .
-RUN mkdir -p runs
+# Again, now that there are packages to find: without them an editable install puts nothing on the path.
+RUN mkdir -p runs && .venv/bin/python -m pip install --quiet --no-deps --editable .
 VOLUME /home/duck/duckpilot/runs
 ENTRYPOINT ["/home/duck/duckpilot/.venv/bin/python", "-m"]
 CMD ["trainer", "train", "--help"]

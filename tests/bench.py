@@ -129,6 +129,14 @@ def gpu_figures() -> dict[str, float]:
     return {"drawn_fps": count / drawn_s, "sensed_fps": count / sensed_s}
 
 
+def training_figures() -> dict[str, dict[str, float]]:
+    """Lane keeping by Dueling and navigation by PPO: decisions a second of processor time."""
+    from tests.tools.training_speed import CASES, in_checkout
+
+    seen = [case for case in CASES if not case.endswith("_seen")]
+    return {case: asdict(in_checkout(case, Path(__file__).parents[1])) for case in seen}
+
+
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     """p50 and p99 of one decision on one thread, for the FP32 file and the INT8 file beside it."""
     files = {"fp32": model, "int8": model.with_name(f"{model.stem}_int8.onnx")}
@@ -163,6 +171,7 @@ def measure(model: Path) -> dict[str, Any]:
         "camera": camera_figures,
         "gpu": gpu_figures,
         "step": step_figures,
+        "training": training_figures,
         "inference": lambda: inference_figures(model),
         "robot": lambda: measure_robot(model, 5.0)["robot"],
         "hat": hat_figures,

@@ -83,6 +83,22 @@ def test_every_link_and_anchor_leads_somewhere(page: Path) -> None:
     assert not re.search(r"\]\([^)\n]*$", prose(page), re.MULTILINE), "a link that does not end"
 
 
+def test_programs_that_the_documents_name_exist() -> None:
+    pattern = r"python[\d.]* -m ((?:robot|trainer|localizer_node|tools|tests)\b(?:\.\w+)*)"
+    named: dict[str, str] = {}
+    for page in [*PAGES, *(ROOT / "robot" / "models").glob("*.md")]:
+        for module in re.findall(pattern, page.read_text(encoding="utf-8")):
+            named[module] = page.name
+    assert len(named) > 10
+    paths = {module: ROOT.joinpath(*module.split(".")) for module in named}
+    gone = [
+        f"{module} in {named[module]}"
+        for module, path in paths.items()
+        if not (path.with_suffix(".py").exists() or (path / "__main__.py").exists())
+    ]
+    assert gone == []
+
+
 def test_code_and_cards_cite_pages_that_exist() -> None:
     cited: dict[str, Path] = {}
     for folder in ("robot", "trainer", "sim_pybullet", "localizer_node", "tools", "examples"):

@@ -37,6 +37,7 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "workers": (1, 1_000),
     "laps": (0.01, 10_000),
     "held_out": (0.01, 0.99),
+    "gpus": (0, 1),
     "port": (1024, 65_535),
     "structure": (0.0, 1e6),
     "rate_hz": (0.1, 1e4),

@@ -151,6 +151,7 @@ class WorkerOptions:
 
     workers: int | None = None  # Processes of a training, or jobs at once; else one for each core.
     ray: str | None = None  # On a Ray cluster: its address, or auto. Its nodes share this folder.
+    gpus: float = 0.0  # Of the cluster's, for each process; less than 1: several share one.
 
 
 @dataclass(frozen=True)

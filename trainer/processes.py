@@ -69,8 +69,7 @@ class LocalProcesses:
 
     def ended(self, process: BaseProcess) -> Ended | None:
         """How it ended; None while it lives."""
-        code = process.exitcode
-        if code is None:
+        if (code := process.exitcode) is None:
             return None
         return Ended(code, f"killed by {signal.Signals(-code).name}" if code < 0 else "")
 
@@ -104,8 +103,7 @@ def _server() -> Any:
 @contextmanager
 def pool() -> Iterator[Callable[..., Iterator[Any]]]:
     """As ``map``, but on all cores. DuckpilotError: one of the processes was killed."""
-    cores = len(os.sched_getaffinity(0))
-    workers = ProcessPoolExecutor(cores, _server(), _alone)
+    workers = ProcessPoolExecutor(len(os.sched_getaffinity(0)), _server(), _alone)
     try:
         yield workers.map
     except BrokenProcessPool as error:
@@ -117,20 +115,22 @@ def pool() -> Iterator[Callable[..., Iterator[Any]]]:
 class RayProcesses:
     """Of a Ray cluster, see `LocalProcesses`; one that died begins again elsewhere, so many times.
 
-    ConfigError if no cluster answers at this address.
+    ConfigError if no cluster answers at this address, or it has fewer GPUs than each is to have.
     """
 
-    def __init__(self, address: str, retries: int = 0) -> None:
-        self._ray, self._retries = connect(address), retries
-        self.host = self._ray.util.get_node_ip_address()
-        self.cores = 1 + int(self._ray.cluster_resources().get("CPU", 0))  # with this process's own
+    def __init__(self, address: str, retries: int = 0, gpus: float = 0.0) -> None:
+        self._ray = connect(address)
+        # a process for each, so that none inherits another's threads and open files
+        self._how = {"num_cpus": 1, "num_gpus": gpus, "max_retries": retries, "max_calls": 1}
+        self.host, found = self._ray.util.get_node_ip_address(), self._ray.cluster_resources()
+        self.cores = 1 + int(found.get("CPU", 0))  # with this process's own
+        if gpus > (most := found.get("GPU", 0.0)):
+            raise ConfigError(f"gpus: expected at most the cluster's {most:g}, got {gpus:g}")
         self._started: list[Any] = []
 
     def start(self, do: Callable[..., object], *orders: Any) -> Any:
         """As soon as a core is free."""
-        # a process for each, so that none inherits another's threads and open files
-        remote = self._ray.remote(num_cpus=1, max_retries=self._retries, max_calls=1)(do)
-        self._started.append(remote.remote(*orders))
+        self._started.append(self._ray.remote(**self._how)(do).remote(*orders))
         return self._started[-1]
 
     def ended(self, reference: Any) -> Ended | None:
@@ -161,9 +161,11 @@ class RayProcesses:
 Processes = LocalProcesses | RayProcesses
 
 
-def processes_of(ray: str | None, retries: int = 0) -> Processes:
-    """Of this machine, or of the Ray cluster at an address."""
-    return LocalProcesses() if ray is None else RayProcesses(ray, retries)
+def processes_of(ray: str | None, retries: int = 0, gpus: float = 0.0) -> Processes:
+    """Of this machine, or of the Ray cluster at an address; ConfigError as of `RayProcesses`."""
+    if ray is None and gpus:
+        raise ConfigError(f"gpus: expected --ray as well, got {gpus:g}; here there is --device")
+    return LocalProcesses() if ray is None else RayProcesses(ray, retries, gpus)
 
 
 def at_once(
@@ -229,10 +231,8 @@ def connect(address: str) -> Any:
         tried = subprocess.run(command, capture_output=True, timeout=ANSWER_S, check=False)
         told = one_line(tried.stderr.decode(errors="replace"))[-200:] if tried.returncode else ""
     if told:
-        raise ConfigError(
-            f"ray {address!r}: expected the address of a running cluster (ray start --head), "
-            f"got: {told}"
-        )
+        expected = "the address of a running cluster (ray start --head)"
+        raise ConfigError(f"ray {address!r}: expected {expected}, got: {told}")
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     ray.init(address, ignore_reinit_error=True, runtime_env={"env_vars": ONE_THREAD}, **quiet)
     return ray

@@ -33,13 +33,13 @@ def play(path: Union[str, Path]) -> Iterator[np.ndarray]:
 
 def picture_files(folder: Path) -> List[Path]:
     """The pictures of a folder and of the folders in it, by name; ConfigError: there are none."""
+    wanted = f"pictures ({', '.join(PICTURES)})"
     if not folder.is_dir():
         got = "a file; give the folder that it lies in" if folder.exists() else "no such folder"
-        raise ConfigError(f"{folder}: expected a folder of pictures, got {got}")
+        raise ConfigError(f"{folder}: expected a folder of {wanted}, got {got}")
     found = (path for path in folder.rglob("*") if path.suffix.lower() in PICTURES)
-    files = sorted(path for path in found if path.is_file())
-    if not files:
-        raise ConfigError(f"{folder}: expected pictures ({', '.join(PICTURES)}), got none")
+    if not (files := sorted(path for path in found if path.is_file())):
+        raise ConfigError(f"{folder}: expected {wanted}, got none")
     return files
 
 

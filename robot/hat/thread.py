@@ -52,8 +52,7 @@ class MotorThread(Worker):
     The driver's ``command_timeout_s`` stops the robot when the thread that commands it hangs; when
     this thread hangs, the one that commands it switches the coils off. A fault in the background
     switches them off at once and is raised by the next call, until ``mend``. As a ``Subscriber`` it
-    tells of that also while nobody commands anything. HardwareError: from every method, when the
-    HAT failed.
+    tells of that without a command, too. HardwareError: from every method, when the HAT failed.
     """
 
     def __init__(self, driver: MotorDriver, clock: Optional[Clock] = None) -> None:
@@ -70,17 +69,19 @@ class MotorThread(Worker):
         return super().__enter__()
 
     def __exit__(self, *_: object) -> None:
-        self.end()
-        self._driver.close()
+        try:
+            self.end()
+        finally:  # also when a second Ctrl-C cuts the wait short
+            with self._guard:
+                self._driver.close()
 
     def mend(self) -> None:
         """Find the HAT again after a fault, coils off; nothing to do without one."""
-        if self.healthy:
-            return
-        self.end()
-        with self._guard:  # of who watches meanwhile
-            self._driver.open()
-            self.start()
+        if not self.healthy:
+            self.end()
+            with self._guard:  # of who watches meanwhile
+                self._driver.open()
+                self.start()
 
     def set_wheels(self, wheels: WheelSpeeds) -> None:
         """Aim for these rim speeds [m/s]; ContractError beyond the driver's limits."""

@@ -64,8 +64,8 @@ def dry_runtime(model: Path) -> Runtime:
         navigator=_StraightPath(),
         eyes=PictureDoubts(),
     )
-    runtime.step()
     for command in (Command.ARM, Command.AUTO):
+        runtime.step()  # two: one picture alone shows nothing
         runtime.ask(command)
     return runtime
 

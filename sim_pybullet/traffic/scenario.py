@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from robot.errors import ConfigError, nearest
-from robot.typed_config import load_yaml
+from robot.typed_config import from_plain, read_yaml
 
 SCENARIOS_FOLDER = Path(__file__).parents[1] / "scenarios"
 Range = tuple[float, float]
+# Of duckietown-world's files, and nothing to us: maps are chosen elsewhere, trees bar no road.
+_NOT_OURS = "map_name dist_tol_m tree_density tree_min_dist pc_robot_protocol npc_robot_protocol"
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,9 @@ def load_scenario(source: str | Path) -> Scenario:
     shipped = {path.stem: path for path in SCENARIOS_FOLDER.glob("*.yaml")}
     path = shipped.get(str(source), Path(source))
     if not path.is_file():
-        raise ConfigError(
-            f"{source}: expected a scenario file or a shipped scenario; "
-            f"{nearest(str(source), shipped)}"
-        )
-    return load_yaml(Scenario, path)
+        told = nearest(str(source), shipped)
+        raise ConfigError(f"{source}: expected a scenario file or a shipped scenario; {told}")
+    plain = read_yaml(path)
+    for name in _NOT_OURS.split() if isinstance(plain, dict) else ():
+        plain.pop(name, None)
+    return from_plain(Scenario, plain, where=str(path))

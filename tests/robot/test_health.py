@@ -13,13 +13,15 @@ from tests.robot.clocks import FakeClock
 
 
 def test_zones_that_answer_are_read(tmp_path: Path) -> None:
-    told = {"CPU": "41500\n", "off": "nonsense", "cold": "-256000", "GPU": "38000"}
+    told = {"CPU": "41500\n", "off": "nonsense", "cold": "-256000", "hot": "200000", "GPU": "38000"}
     told["PMIC-Die"] = "100000"  # a Nano's, which always reads 100
     for number, (name, text) in enumerate(told.items()):
         zone = tmp_path / f"thermal_zone{number}"
         zone.mkdir()
         (zone / "type").write_text(f"{name}\n")
         (zone / "temp").write_text(text)
+    (tmp_path / "thermal_zone9" / "temp").mkdir(parents=True)
+    (tmp_path / "thermal_zone9" / "type").write_text("cannot be read\n")
     assert temperatures_c(tmp_path) == {"CPU": 41.5, "GPU": 38.0}
     assert temperatures_c(tmp_path / "none") == {}
 
@@ -28,6 +30,8 @@ def test_memory_is_read_where_linux_tells(tmp_path: Path) -> None:
     (tmp_path / "meminfo").write_text("MemTotal: 4096 kB\nMemAvailable: 2048 kB\n")
     assert memory_free_mb(tmp_path / "meminfo") == 2.0
     assert memory_free_mb(tmp_path / "none") is None
+    (tmp_path / "meminfo").write_text("MemTotal: 4096 kB\n")
+    assert memory_free_mb(tmp_path / "meminfo") is None, "an old kernel"
 
 
 @pytest.mark.parametrize(
@@ -41,7 +45,7 @@ def test_the_disk_of_the_folder_asked_for_is_judged(
     other = SimpleNamespace(total=100, free=100)
     monkeypatch.setattr("shutil.disk_usage", lambda at: disk if Path(at) == tmp_path else other)
     found = {each.name: each for each in readings(tmp_path / "not" / "yet")}
-    assert found["disk free"].level == level
+    assert found["disk free"] == Reading("disk free", round(free_mb / 100), "%", level)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +65,15 @@ def test_little_memory_is_a_warning(
 ) -> None:
     monkeypatch.setattr("robot.computer.health.memory_free_mb", lambda: free_mb)
     found = {each.name: each for each in readings()}
-    assert found["memory free"].level == level
+    assert found["memory free"] == Reading("memory free", free_mb, "MB", level)
+
+
+def test_what_cannot_be_measured_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot.computer.health.temperatures_c", dict)
+    monkeypatch.setattr("robot.computer.health.memory_free_mb", lambda: None)
+    monkeypatch.setattr("os.getloadavg", lambda: (1.234, 8.0, 9.0))
+    disk, *others = readings()
+    assert (disk.name, others) == ("disk free", [Reading("load", 1.23)])
 
 
 def test_a_recorder_wants_more_of_the_disk(tmp_path: Path) -> None:

@@ -8,11 +8,12 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Dict, List
 
 import pytest
 
-from robot.cli import main
+from robot.cli import install, main
 from robot.cli.install import ROOT, SCRIPT, make_command
 from robot.config import RobotConfig
 from robot.errors import ConfigError
@@ -215,7 +216,41 @@ def test_the_command_shows_itself_dry(capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["install", "--dry-run"]) == 0
     shown = capsys.readouterr().out
     assert shown.endswith("nothing was done\n")
+    assert shown.splitlines()[0].endswith("/robot/models/lane_sight.onnx")
     assert f"systemctl enable {UNIT}" in shown
+
+
+@pytest.mark.parametrize(
+    ("user", "ended", "status", "said"),
+    [
+        (1000, 0, 2, "expected the user root"),
+        (0, 1, 1, "ended with status 1; mend it"),
+        (0, 0, 0, ""),
+    ],
+)
+def test_the_script_is_run_by_root_alone_and_its_failure_is_told(
+    computer: Computer,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    user: int,
+    ended: int,
+    status: int,
+    said: str,
+) -> None:
+    ran: List[List[str]] = []
+
+    def run(command: List[str], check: bool) -> SimpleNamespace:
+        ran.append(command)
+        return SimpleNamespace(returncode=ended)
+
+    monkeypatch.setattr(install.os, "geteuid", lambda: user)
+    monkeypatch.setattr(install.subprocess, "run", run)
+    assert main(["install", "--model", str(computer.model)]) == status
+    told = capsys.readouterr()
+    assert said in told.err
+    assert ("systemctl start" in told.out) is (status == 0), "what comes next"
+    words = ["sh", str(SCRIPT), str(ROOT), sys.executable, str(computer.model)]
+    assert ran == ([words] if user == 0 else [])
 
 
 @pytest.mark.parametrize("path", ["/opt/duckpilot/lane.onnx", "/etc/duckpilot/robot.yaml"])

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+import signal
 import socket
 import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import List
 
-from robot.computer.systemd import PING_S, Heartbeat, notify_socket
+from robot.computer.systemd import PING_S, Heartbeat, notify_socket, on_ending
 from robot.safety.state_machine import Command
 from tests.robot.runtime.test_loop import Bench
 
@@ -75,3 +76,17 @@ def test_the_same_state_for_another_reason_is_told() -> None:
         heart.on_tick(replace(tick, verdict=tick.verdict._replace(sentence=sentence)))
     told = [line for line in lines if line.startswith("STATUS=")]
     assert told == [f"STATUS=DISARMED: {why}, by a person" for why in ("clear", "disarm")]
+
+
+def test_what_ends_a_program_is_as_ctrl_c_where_nothing_else_is_told() -> None:
+    """Not by default: a program that systemd or a terminal ends at once leaves the coils on."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        for number in before:
+            signal.signal(number, signal.SIG_DFL)
+        on_ending()
+        for number in before:
+            assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

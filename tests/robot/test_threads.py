@@ -10,6 +10,7 @@ import resource
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, List, Optional, Tuple
 
 import numpy as np
@@ -18,7 +19,7 @@ import pytest
 import robot
 from robot.camera.source import NewestFrame
 from robot.computer.clock import Alarm, MonotonicClock
-from robot.computer.threads import Worker
+from robot.computer.threads import Silence, Worker
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
@@ -54,6 +55,9 @@ def test_the_steady_clock_is_the_monotonic_one_and_never_waits_backwards() -> No
     clock.sleep(-1.0)
     clock.sleep(0.0)
     assert before_s <= clock.now() <= time.monotonic()
+    before_s = time.monotonic()
+    clock.sleep(0.02)
+    assert time.monotonic() - before_s >= 0.02
 
 
 def test_a_wait_lasts_as_long_as_it_should_and_ends_with_the_ringing() -> None:
@@ -98,6 +102,17 @@ def test_it_rings_and_waits_where_many_descriptors_are_open(
         del alarm
         gc.collect()
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+def test_poll_is_asked_for_no_shorter_a_time_and_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: List[Optional[int]] = []
+    poll = SimpleNamespace(register=lambda *_: None, poll=asked.append)
+    monkeypatch.setattr("robot.computer.clock._SELECTABLE", 0)
+    monkeypatch.setattr("select.poll", lambda: poll)
+    alarm = Alarm()
+    for timeout_s in (0.0201, 0.0, -1.0, None):
+        assert not alarm.wait(timeout_s)
+    assert asked == [21, 0, 0, None]
 
 
 def test_its_descriptors_go_with_it() -> None:
@@ -209,6 +224,8 @@ def test_a_worker_that_was_begun_anew_is_waited_for_by_its_patience_too() -> Non
         eventually(lambda: not worker.alive)
     worker.let_go.clear()
     worker.start()
+    assert worker._thread is not None
+    assert worker._thread.daemon, "nor does a program wait for it that ends"
     ender = threading.Thread(target=worker.end, daemon=True)
     ender.start()
     eventually(lambda: not ender.is_alive())
@@ -226,3 +243,22 @@ def test_whatever_ends_a_worker_is_heard_of(end: BaseException) -> None:
         assert not worker.alive
         with pytest.raises(HardwareError, match=f"stubborn thread: {type(end).__name__}"):
             worker.check()
+
+
+def test_who_does_not_turn_for_so_many_looks_and_so_long_hangs() -> None:
+    silence = Silence(3, 0.5)
+    for now_s in (100.0, 101.0, 102.0):
+        assert not silence.lasts(1, now_s), "long enough, but looked at three times"
+    assert silence.lasts(1, 103.0)
+    for now_s in (103.1, 103.2, 103.3, 103.4, 103.5, 103.6):
+        assert not silence.lasts(2, now_s), "looked at often enough, but for half a second"
+    assert silence.lasts(2, 103.7)
+    assert not silence.lasts(0, 200.0), "one that was begun anew counts from the beginning"
+    assert not silence.lasts(0, 300.0)
+
+
+def test_a_thread_that_has_not_turned_yet_is_silent_since_the_first_look() -> None:
+    silence = Silence(1, 0.5)
+    for now_s in (100.0, 100.2, 100.4):
+        assert not silence.lasts(0, now_s)
+    assert silence.lasts(0, 100.6)

@@ -91,7 +91,9 @@ def test_a_real_tub_is_read_whole(tmp_path: Path) -> None:
         assert np.allclose(there, here, rtol=0.0, atol=1e-9)
 
 
-def test_deleted_broken_and_absent_records_are_left_out(tmp_path: Path) -> None:
+def test_deleted_broken_and_absent_records_are_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     to_tub([recorded(tmp_path, "a")], tub := tmp_path / "tub")
     text = (tub / "manifest.json").read_text()
     (tub / "manifest.json").write_text(
@@ -102,6 +104,18 @@ def test_deleted_broken_and_absent_records_are_left_out(tmp_path: Path) -> None:
         catalog.write(b"\0" * 40 + b'\n{"_index": 30, "cam/im')
     (drive,) = from_tub(tub, tmp_path / "back")
     assert len(list(read_samples(drive))) == 28
+    told = capsys.readouterr().out
+    assert "left out 3 records, such as" in told, "what is deleted is not told"
+    assert "catalog_0.catalog:6: FileNotFoundError" in told
+
+
+def test_a_tub_with_other_keys_is_refused_with_the_key_that_it_lacks(tmp_path: Path) -> None:
+    to_tub([recorded(tmp_path, "a")], tub := tmp_path / "tub")
+    catalog = tub / "catalog_0.catalog"
+    catalog.write_text(catalog.read_text().replace("user/angle", "user/steering"))
+    with pytest.raises(ConfigError, match=r"version 2 .* left out 30 .*:1: KeyError\('user/angle'"):
+        from_tub(tub, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from robot.errors import ConfigError
-from robot.recording.drive_file import picture
+from robot.recording.drive_file import picture, png
 from robot.recording.reader import read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
+from tools.data.drives import write_drive
 from tools.data.lerobot import from_dataset, to_dataset
 from trainer.mp4 import write_mp4
 
@@ -48,6 +49,35 @@ def test_what_is_no_whole_dataset_of_wheels_is_refused(tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match=says):
             from_dataset(tmp_path, tmp_path / "out")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["meta"]
+
+
+def test_of_cameras_the_first_that_shows_no_depth_is_taken(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    to_dataset([recorded(tmp_path, "a")], dataset := tmp_path / "dataset", "drive")
+    before = list(read_samples(from_dataset(dataset, tmp_path / "before")[0]))
+    file = dataset / "meta/info.json"
+    info = json.loads(file.read_text())
+    for depth in ({"video.is_depth_map": True}, {"is_depth_map": True}):
+        film = {"dtype": "video", "shape": [120, 160, 1], "names": None, "info": depth}
+        features = {"observation.images.depth": film, **info["features"]}
+        file.write_text(json.dumps({**info, "features": features}))
+        (drive,) = from_dataset(dataset, tmp_path / next(iter(depth)))
+        assert [s.picture for s in read_samples(drive)] == [s.picture for s in before]
+        features = {"observation.images.depth": film, "action": info["features"]["action"]}
+        file.write_text(json.dumps({**info, "features": features}))
+        with pytest.raises(ConfigError, match="got: no video of a camera"):
+            from_dataset(dataset, tmp_path / "back")
+    assert not (tmp_path / "back").exists()
+
+
+def test_pictures_of_an_odd_size_become_no_video_of_another_size(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    samples = read_samples(recorded(tmp_path, "a"))
+    odd = [s._replace(picture=png(np.zeros((121, 161, 3), np.uint8))) for s in samples]
+    drive = write_drive(tmp_path, "odd", "donkeycar", odd)
+    with pytest.raises(ConfigError, match=r"expected one even size, got .*\(121, 161, 3\)"):
+        to_dataset([drive], tmp_path / "dataset", "drive")
+    assert not (tmp_path / "dataset").exists()
 
 
 def test_a_video_that_ends_too_early_is_refused(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.contract import DRIVE
-from robot.errors import ConfigError
+from robot.errors import ConfigError, ContractError
 from robot.geometry import between, compose, wrap_angle
 from robot.navigation.road_map import RoadMap, load_map
 from robot.recording import topics
@@ -334,6 +334,24 @@ def test_a_recording_without_a_picture_is_refused(tmp_path: Path) -> None:
         read_drive(driven(tmp_path / "own.mcap", pictures=False))
 
 
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        (topics.CAMERA, {"data": "zzz", "format": "jpeg"}),
+        (topics.CAMERA, {"header": {}}),
+        (topics.POSE, {"pose": {"position": {}}}),  # before any turn
+    ],
+)
+def test_what_another_program_recorded_is_refused(
+    topic: topics.Topic, message: dict[str, Any], tmp_path: Path
+) -> None:
+    file = DriveFile(tmp_path / "other.mcap", {})
+    file.add(topic, 1.0, message, 0)
+    file.close()
+    with pytest.raises(ContractError, match=r"other\.mcap: expected a robot's recording, got: "):
+        read_drives([file.path], pytest.fail)
+
+
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_drive(NOMINAL, "rings/claw", 2.0, 1, tmp_path_factory.mktemp("twin") / "s.mcap")
@@ -512,6 +530,21 @@ def test_cover_grows_with_the_width_of_lines_by_less_than_a_texel() -> None:
     white = np.array([rgb[..., 0].sum(dtype=float) for rgb in rgbs])
     grown = np.diff(white) / white[0]
     assert grown == pytest.approx(0.01, rel=0.1)
+
+
+def test_slopes_tell_how_the_drawing_changes_with_camera_and_pose() -> None:
+    road_map, poses, images = worn_pictures(USUAL, 1)
+    views = views_of(list(images), poses, road_map)
+    known, _, slopes = eye.Eye(views, USUAL, True).look(poses[0])
+    ways = np.diag((1e-3, 3e-3, 3e-3, 3e-3, 15e-3, 0.2, 0.2, 0.05, 0.05, 2e-3, 2e-3, 5e-3))
+    for way, slope in zip(ways, slopes, strict=True):
+        ends = (
+            eye.Eye(views, USUAL + sign * way[:9], False).look(poses[0] + sign * way[9:])[1]
+            for sign in (1.0, -1.0)
+        )
+        changed = np.subtract(*ends).reshape(-1, 3)[known].ravel() / (2.0 * way.sum())
+        told = eye._unlit(slope, 1).reshape(-1, 3)[known].ravel()
+        assert changed @ told / (told @ told) == pytest.approx(1.0, abs=0.05)
 
 
 def test_light_that_is_large_does_not_tilt_the_camera() -> None:

@@ -7,7 +7,6 @@ angle of 1 is full right, ours is a hard turn; a throttle of 1 is our speed stra
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -169,15 +168,16 @@ def from_tub(tub: Path, out: Path) -> list[Path]:
 
     Deleted and broken records, and those whose picture is absent or none, are left out.
     """
-    records = list(_records(tub))
+    records = list(_records(tub, broken := list[str]()))
+    told = f"left out {len(broken)} records, such as {broken[0]}" if broken else "got none"
     if not records:
-        raise ConfigError(f"{tub}: expected a Donkeycar tub of version 2 with pictures, got none")
+        raise ConfigError(f"{tub}: expected a Donkeycar tub of version 2 with pictures, {told}")
     with appearing(out) as folder:
-        names = []
-        for number, drive in enumerate(_drives(records)):
-            name, samples = f"{tub.name}-{number:03d}", [sample for _, sample in drive]
-            names.append(write_drive(folder, name, "donkeycar", samples).name)
-    return [out / name for name in names]
+        drives = enumerate([sample for _, sample in drive] for drive in _drives(records))
+        made = [write_drive(folder, f"{tub.name}-{n:03d}", "donkeycar", each) for n, each in drives]
+    if broken:
+        print(f"{tub}: {told}")
+    return [out / path.name for path in made]
 
 
 def _record(folder: Path, index: int, session: str, sample: reader.Sample) -> dict[str, Any]:
@@ -227,11 +227,13 @@ def _write_lines(path: Path, rows: Sequence[Any]) -> list[int]:
     return [len(line) for line in lines]
 
 
-def _records(tub: Path) -> Iterator[tuple[Any, reader.Sample]]:
-    """Each with its session."""
-    for record, _ in tub_records(tub / "manifest.json"):
-        with suppress(OSError, ValueError, LookupError, TypeError, OverflowError):  # a broken one
+def _records(tub: Path, broken: list[str]) -> Iterator[tuple[Any, reader.Sample]]:
+    """Each with its session; where broken ones stand, and why they are, is put into a list."""
+    for record, where in tub_records(tub / "manifest.json"):
+        try:
             yield record.get("_session_id"), _sample(tub, record)
+        except (OSError, ValueError, LookupError, TypeError, OverflowError) as error:
+            broken.append(f"{where}: {error!r}")
 
 
 def _drives(records: list[tuple[Any, reader.Sample]]) -> list[list[tuple[Any, reader.Sample]]]:

@@ -61,7 +61,7 @@ def to_dataset(drives: Sequence[Path], dataset: Path, task: str) -> int:
 
 
 def from_dataset(dataset: Path, out: Path) -> list[Path]:
-    """Write a dataset's episodes as recordings; of its cameras the first.
+    """Write a dataset's episodes as recordings; of its cameras the first that shows no depth.
 
     ConfigError: no whole dataset of version 3, or actions that are not two wheels' speeds.
     """
@@ -82,8 +82,11 @@ def from_dataset(dataset: Path, out: Path) -> list[Path]:
 
 
 def _write_drives(dataset: Path, info: dict[str, Any], folder: Path) -> Iterator[Path]:
-    [camera, *_] = (name for name, told in info["features"].items() if told["dtype"] == "video")
-    rows, half_s = _rows(dataset, "data"), 0.5 / float(info["fps"])
+    told = {n: t.get("info") or {} for n, t in info["features"].items() if t["dtype"] == "video"}
+    depth = "video.is_depth_map", "is_depth_map"
+    if not (cameras := [name for name in told if not any(map(told[name].get, depth))]):
+        raise ValueError("no video of a camera")
+    rows, half_s, camera = _rows(dataset, "data"), 0.5 / float(info["fps"]), cameras[0]
     for episode in _rows(dataset, "meta/episodes"):
         place = {k: episode[f"videos/{camera}/{k}"] for k in ("chunk_index", "file_index")}
         film = (dataset / info["video_path"].format(video_key=camera, **place)).resolve(strict=True)
@@ -176,9 +179,8 @@ def _write_video(
     with closing(Mp4(path, fps, QUALITY, ("-g", str(KEYS_EVERY)))) as film:  # also after an error
         for sample in (sample for run in episodes for sample in run):
             frame = seen(sample)
-            if frame.shape != shape:
-                told = f"expected pictures of one size, got {frame.shape} beside {shape}"
-                raise ConfigError(told)
+            if frame.shape != shape or shape[0] % 2 or shape[1] % 2:  # as H.264 must be
+                raise ConfigError(f"expected one even size, got pictures {frame.shape}, {shape}")
             film.add(frame)
             levels.append(frame[::8, ::8].reshape(-1, 3))
     return _stats(np.concatenate(levels) / 255.0)
@@ -193,9 +195,8 @@ def _info(
     for name, values in columns.items():
         named = WHEELS if values.shape[1] == 2 else None
         features[name] = {"dtype": str(values.dtype), "shape": [values.shape[1]], "names": named}
-    names = ["height", "width", "channels"]
-    features[VIDEO] = {"dtype": "video", "shape": list(shape), "names": names}
-    features[VIDEO]["info"] = {f"video.{name}": value for name, value in video.items()}
+    told = {"dtype": "video", "shape": list(shape), "names": ["height", "width", "channels"]}
+    features[VIDEO] = {**told, "info": {f"video.{name}": value for name, value in video.items()}}
     info: dict[str, Any] = {"codebase_version": "v3.0", "robot_type": "duckpilot", "fps": fps}
     info |= {"total_episodes": episodes, "total_frames": frames, "total_tasks": 1}
     info |= {"chunks_size": 1000, "data_files_size_in_mb": 100, "video_files_size_in_mb": 200}

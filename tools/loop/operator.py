@@ -90,8 +90,7 @@ class Operator:
                 elif isinstance(event, Frame) and event.opcode is Opcode.TEXT:
                     self.snapshot = json.loads(bytes(event.data))["state"]
                     self._unseen += 1
-                elif isinstance(event, Frame) and event.opcode is Opcode.PONG:
-                    opened = False
+                opened = opened and getattr(event, "opcode", None) is not Opcode.PONG
         while self._unseen and self.watching:
             self._protocol.send_text(b"seen")
             self._unseen -= 1

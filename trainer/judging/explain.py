@@ -101,7 +101,7 @@ def overlay(image: np.ndarray, attention: np.ndarray) -> np.ndarray:
 
 
 def pictures(source: Path) -> Iterator[tuple[str, np.ndarray]]:
-    """Names and frames (120, 160, 3) of a picture, a folder or a video; ConfigError for others."""
+    """Names, no two alike, and frames (120, 160, 3) of a source as of `redraw`, or ConfigError."""
     if source.suffix.lower() in VIDEOS:
         index = -1
         for index, picture in enumerate(play(source)):
@@ -109,9 +109,12 @@ def pictures(source: Path) -> Iterator[tuple[str, np.ndarray]]:
         if index < 0:
             raise ConfigError(f"{source}: expected a video with pictures, got none")
         return
-    single = source.is_file() and source.suffix.lower() in PICTURES
+    single, given = source.is_file() and source.suffix.lower() in PICTURES, set[str]()
     for file in [source] if single else picture_files(source):
         name = file.stem if single else "_".join(file.relative_to(source).with_suffix("").parts)
+        while name in given:  # of x.jpg and x.png
+            name += "_" + file.suffix[1:]
+        given.add(name)
         yield name, fit_to_frame(read_picture(file))
 
 

@@ -54,18 +54,14 @@ def drawn(frame: np.ndarray, seen: Seen, rig: CameraRig) -> np.ndarray:
 
 def _words(seen: Seen) -> tuple[str, ...]:
     figures, deviations = seen.figures[0], seen.deviations[0]
-    kind = int(seen.junction[0].argmax())
-    line, likely = "none", float(seen.junction[0, kind])
-    if seen.line[0] > 0.5:
-        line = f"{100 * figures[3]:.0f} +-{100 * deviations[3]:.0f} cm"
-    way = "free"
-    if seen.thing[0] > 0.5:
-        way = f"{100 * figures[4]:.0f} +-{100 * deviations[4]:.0f} cm"
+    kind, likely = int(seen.junction[0].argmax()), seen.junction[0].max()
+    line, way = (f"{100 * figures[i]:.0f} +-{100 * deviations[i]:.0f} cm" for i in (3, 4))
+    line = line if seen.line[0] > 0.5 else "none"
     return (
         f"road {seen.road[0]:.0%}  line {line}  junction {KINDS[kind]} {likely:.0%}",
         f"offset {100 * figures[0]:+.1f} +-{100 * deviations[0]:.1f} cm  heading "
-        f"{math.degrees(figures[1]):+.0f} +-{math.degrees(deviations[1]):.0f} deg  "
-        f"bend {figures[2]:+.1f} /m  way {way}",
+        f"{math.degrees(figures[1]):+.0f} +-{math.degrees(deviations[1]):.0f} deg",
+        f"bend {figures[2]:+.1f} /m  way {way if seen.thing[0] > 0.5 else 'free'}",
     )
 
 

@@ -50,7 +50,7 @@ class TrainJob:
         from trainer.training.train import train
 
         folder, options = RunFolder(self.out), self.options
-        launcher = processes_of(self.by.ray)
+        launcher = processes_of(self.by.ray, gpus=self.by.gpus)
         if not self.resume:
             refuse_run(self.out)
         if folder.config.exists():

@@ -12,7 +12,7 @@ from rich.progress import MofNCompleteColumn, Progress
 from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError, DuckpilotError
 from trainer.options import WorkerOptions
-from trainer.processes import Ended, LocalProcesses, at_once, processes_of
+from trainer.processes import Ended, at_once, processes_of
 
 if TYPE_CHECKING:
     from trainer.sweeps.jobs import EvaluateJob, TrainJob
@@ -28,19 +28,15 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
 
     DuckpilotError if a job cannot be done at all; then none was begun.
     """
-    waiting = list[Job]()
+    waiting = [job for job in jobs if not job.finished()]
     for job in jobs:
-        if job.finished():
+        if job not in waiting:
             console.print(f"{job.out}: finished before", markup=False)
-        else:
-            waiting.append(job)
     if not waiting:
         return 0
     failures = list[str]()
-    processes = processes_of(many.ray, RETRIES)
-    most = len(waiting)
-    if isinstance(processes, LocalProcesses):
-        most = many.workers or processes.cores
+    processes = processes_of(many.ray, RETRIES, many.gpus)
+    most = (many.workers or processes.cores) if many.ray is None else len(waiting)
     orders = [(job, os.getcwd()) for job in waiting]
     try:
         with Progress(*_COLUMNS, console=console) as bar:

@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from robot.camera.source import fit_to_frame
-from robot.errors import ConfigError
+from robot.errors import ConfigError, ContractError, DuckpilotError
 from robot.navigation.road_map import RoadMap, load_map
 from robot.recording import topics
 from robot.recording.drive_file import picture
 from robot.recording.reader import entries, kept, read_about, read_pieces, turn_of
-from robot.recording.topics import Turn
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S
 
@@ -25,18 +24,17 @@ LEAST_S, ALL_S, _CUT_S = 8.0, 20.0, 0.5  # of a drive; of all; without a turn: i
 class Recorded(NamedTuple):
     """One drive. Times [s] are of the robot's clock, from the first turn on.
 
-    Pictures (F) are fresh ones, at the turns that saw them first. ``overhead`` has rows of when it
-    saw the robot, x, y, heading; ``fused`` of what this believed. Both are empty without a map.
+    Pictures (F) are fresh ones, at the turns that saw them first.
     """
 
     map_name: str  # "": none
     commands: np.ndarray  # (K, 2) rim speeds [m/s] after the ramp, each `PHYSICS_DT_S`; NaN: cut
     times_s: np.ndarray  # (F,)
     images: np.ndarray  # (F, 120, 160, 3) uint8 RGB
-    overhead: np.ndarray  # (M, 4)
-    fused: np.ndarray  # (T, 4)
+    overhead: np.ndarray  # (M, 4) when it saw the robot, x, y, heading; empty without a map
+    fused: np.ndarray  # (T, 4) the same, as the robot believed
     skipped: float  # share of the turns that saw the picture before once more
-    turns: tuple[Turn, ...]  # of each picture
+    turns: tuple[topics.Turn, ...]  # of each picture
     acceleration_mps2: float = DriveLook.acceleration_mps2
 
     @property
@@ -62,6 +60,9 @@ def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Re
             drives.append(read_drive(path))
         except UnfitError as error:
             tell(f"left out: {error}")
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
+            told = f"{path}: expected a robot's recording, got: {error!r}"
+            raise error if isinstance(error, DuckpilotError) else ContractError(told) from error
     if (seconds := sum(each.seconds for each in drives)) < ALL_S:
         raise ConfigError(f"expected {ALL_S:g} s and more of drives, got {seconds:.0f} s")
     return drives
@@ -69,7 +70,7 @@ def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Re
 
 def read_drive(path: Path) -> Recorded:
     """UnfitError: too short, or on a map without any pose; ConfigError: no recording."""
-    turns, frames, marks = list[Turn](), dict[int | None, bytes](), read_pieces(path)
+    turns, frames, marks = list[topics.Turn](), dict[int | None, bytes](), read_pieces(path)
     overhead, fused = list[list[float]](), list[list[float]]()
     for entry in entries(path, topics.CAMERA, topics.TURN, topics.OVERHEAD, topics.POSE):
         if entry.topic == topics.CAMERA.name:
@@ -85,10 +86,9 @@ def read_drive(path: Path) -> Recorded:
     map_name, hat = about.get("map", ""), json.loads(about.get("config", "{}")).get("hat", {})
     seconds = turns[-1].time_s - turns[0].time_s if turns else 0.0
     if seconds < LEAST_S or not frames or (map_name and not (overhead or fused)):
-        raise UnfitError(
-            f"{path}: expected {LEAST_S:g} s and more of driving, on a map with poses, got "
-            f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
-        )
+        wanted = f"expected {LEAST_S:g} s and more of driving, on a map with poses"
+        got = f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
+        raise UnfitError(f"{path}: {wanted}, got {got}")
     turned_s = np.array([t.time_s for t in turns]) - (at_s := turns[0].time_s)
     grid_s = (np.arange(round(turned_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
     seen = [frames.get(turn.frame) for turn in turns]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from robot.bringup import chessboard
+from robot.bringup.camera_place import Freedom, fit_camera
 from robot.bringup.chessboard import (
     board_points_m,
     find_board,
@@ -57,6 +58,34 @@ def test_exact_corners_give_the_exact_mount_wherever_the_board_lies() -> None:
     assert vars(found) == pytest.approx(vars(expected), abs=1e-7)
 
 
+def test_how_sure_the_height_is_is_how_far_it_scatters_by_a_pixel() -> None:
+    mount, rng = MOUNTS["tilted"], np.random.default_rng(5)
+    points_m = board_points_m(NEAR_M)[[0, 6, 21, 27]]
+    pixels = CameraRig(FISHEYE, mount).to_pixels(points_m)
+    fits = [
+        fit_camera(pixels + rng.normal(0.0, 1.0, pixels.shape), points_m[:, :2], FISHEYE, Freedom())
+        for _ in range(60)
+    ]
+    scatter_m = np.std([fit.position_m[2] for fit in fits])
+    assert np.median([fit.height_sigma_m for fit in fits]) == pytest.approx(scatter_m, rel=0.3)
+    known = Freedom(height_m=mount.height_m)
+    fit = fit_camera(pixels, points_m[:, :2], FISHEYE, known)
+    assert (fit.position_m[2], fit.height_sigma_m) == (mount.height_m, 0.0)
+
+
+def test_as_many_equations_as_unknowns_are_enough() -> None:
+    """Four points tell place, focal length and one coefficient; three do not."""
+    points_m = board_points_m(NEAR_M)[[0, 6, 21, 27]]
+    lens = replace(FISHEYE, distortion=(-0.02, 0.0, 0.0, 0.0))
+    pixels, free = CameraRig(lens, MOUNTS["tilted"]).to_pixels(points_m), Freedom(True, 1)
+    for times in (0.3, 1.0, 2.5):
+        begin = replace(lens, fx_px=times * lens.fx_px, fy_px=times * lens.fy_px)
+        fit = fit_camera(pixels, points_m[:, :2], begin, free)
+        assert fit.lens.fx_px == pytest.approx(310.0, rel=1e-4)
+    with pytest.raises(ConfigError, match="3 points give 6 equations for 8 unknowns"):
+        fit_camera(pixels[:3], points_m[:3, :2], lens, free)
+
+
 WRONG: Dict[str, Tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "bent sheet": (
         lambda c: c + 4.0 * np.sin(np.arange(len(c)))[:, None],
@@ -83,10 +112,11 @@ def test_the_squares_are_three_centimetres_wide() -> None:
 
 
 def test_a_picture_is_taken_after_the_camera_has_settled(monkeypatch: pytest.MonkeyPatch) -> None:
-    pictures = iter(range(99))
-    camera = SimpleNamespace(grab=lambda: next(pictures), close=lambda: None)
-    monkeypatch.setattr(chessboard, "open_stream", lambda *_: camera)
+    pictures, did = iter(range(99)), []
+    camera = SimpleNamespace(grab=lambda: next(pictures), close=lambda: did.append("closed"))
+    monkeypatch.setattr(chessboard, "open_stream", lambda _, size: did.append(size) or camera)
     assert chessboard.take_picture(CameraConfig()) == 15
+    assert did == [(640, 480), "closed"]
 
 
 def test_a_board_told_at_the_wrong_distance_is_noticed() -> None:
@@ -177,6 +207,17 @@ def test_a_lens_that_cannot_be_is_refused() -> None:
         fit_lens(shaken, (640, 480))
 
 
+@pytest.mark.parametrize("residual_px", [1.01, math.nan])
+def test_a_fit_that_misses_by_more_than_a_pixel_is_no_lens(
+    residual_px: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boards = held_boards(FISHEYE, 12, np.random.default_rng(4))
+    found = (residual_px, np.eye(3), np.zeros(4), None, None)
+    monkeypatch.setattr("cv2.fisheye.calibrate", lambda *_: found)
+    with pytest.raises(ConfigError, match=r"miss the fitted lens by .* expected at most 1\.00"):
+        fit_lens(boards, (640, 480))
+
+
 def test_pictures_of_the_board_are_read_from_a_folder(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for name, mount in MOUNTS.items():
@@ -214,6 +255,13 @@ def test_pictures_that_the_robot_would_cut_fit_no_lens(
 ) -> None:
     write_png(tmp_path / "wide.png", np.full((size[1], size[0], 3), 128, np.uint8))
     with pytest.raises(ConfigError, match=r"expected 4:3 pictures of one size, got \[\("):
+        chessboard.boards_from_files(tmp_path)
+
+
+def test_pictures_of_two_sizes_fit_no_lens(tmp_path: Path) -> None:
+    for name, height in (("large", 480), ("small", 240)):
+        write_png(tmp_path / f"{name}.png", np.full((height, height * 4 // 3, 3), 128, np.uint8))
+    with pytest.raises(ConfigError, match=r"of one size, got \[\(320, 240\), \(640, 480\)\]"):
         chessboard.boards_from_files(tmp_path)
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from typing import Optional, Tuple
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from robot.bringup.roller import Prompts
 from robot.cli.selftest import MOTIONS, try_motors
 from robot.errors import ConfigError, HardwareError
+from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig, MotorConfig
 from robot.hat.stepping import Steps
 from sim_pybullet.virtual.i2c import BusFault
@@ -87,6 +89,22 @@ class Interrupting:
             raise KeyboardInterrupt
 
 
+def test_a_motion_is_shown_again_to_who_missed_it() -> None:
+    motors = BenchMotors(HatConfig())
+    person = Spectator(motors)
+    agrees, missed = person.agrees, ["LEFT wheel alone turn once, FORWARD"]
+
+    def look_away(question: str) -> bool:
+        if missed and missed[0] in question:
+            missed.pop()
+            return agrees(question) and False
+        return agrees(question) or question == "Show it again?"
+
+    person.agrees = look_away  # type: ignore[method-assign]
+    assert try_motors(HatConfig(), motors, person, motors) == 0
+    assert len([each for each in person.asked if "LEFT wheel alone turn once, F" in each]) == 2
+
+
 def test_after_the_last_step_nobody_is_asked_to_go_on() -> None:
     motors = BenchMotors(HatConfig())
     person = Spectator(motors)
@@ -105,15 +123,17 @@ class Late(BenchMotors):
         super().__init__(HatConfig())
         self._steps = steps
         self._stopped: Optional[Steps] = None
+        self._still_s = math.inf
 
     def stop(self) -> None:
-        left, right = super().counts
+        self._stopped, self._still_s = super().counts, self.now() + 0.15
         super().stop()
-        self._stopped = left + self._steps[0], right + self._steps[1]
 
     @property
     def counts(self) -> Steps:
-        return self._stopped or super().counts
+        if self._stopped is None or self.now() < self._still_s:
+            return self._stopped or super().counts
+        return self._stopped[0] + self._steps[0], self._stopped[1] + self._steps[1]
 
 
 @pytest.mark.parametrize(
@@ -127,6 +147,23 @@ def test_a_stop_that_takes_more_than_36_mm_fails_whatever_the_person_saw(
     assert try_motors(HatConfig(), motors, person, motors) == status
     assert status == 0 or person.told[-1] == "FAIL  stop"
     assert any("at most 36 mm are right" in line for line in person.told)
+
+
+def test_the_wheels_turn_gently_but_to_be_stopped_from_their_fastest() -> None:
+    motors, fastest, told_s = BenchMotors(HatConfig()), {"": 0.0}, [0.0]
+    person, set_wheels = Spectator(motors), motors.set_wheels
+
+    def note(wheels: WheelSpeeds) -> None:
+        step = [line for line in person.told if line.startswith("--- ")][-1].split(":")[0]
+        fastest[step] = max(map(abs, (*wheels, fastest.get(step, 0.0))))
+        told_s.append(motors.now())
+        set_wheels(wheels)
+
+    motors.set_wheels = note  # type: ignore[method-assign]
+    assert try_motors(HatConfig(), motors, person, motors) == 0
+    assert fastest.pop("--- stop") == HatConfig().max_speed_mps
+    assert max(fastest.values()) == pytest.approx(0.08)
+    assert told_s[-1] - told_s[-14] == pytest.approx(1.3, abs=0.05), "long enough to reach it"
 
 
 def test_wheels_on_the_floor_and_motors_that_fail_end_it() -> None:

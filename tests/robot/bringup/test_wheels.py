@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,17 +17,25 @@ from robot.cli.calibrate import edit_yaml
 from robot.config import RobotConfig
 from robot.errors import ConfigError, HardwareError
 from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
-from robot.hat.config import HatConfig
+from robot.hat.config import HatConfig, MotorConfig
 from robot.typed_config import load_yaml
 from tests.robot.bringup.bench import BenchMotors, Spectator
 
 
 def calibrated(what: str, hat: HatConfig, person: Spectator, path: Path) -> HatConfig:
-    """The motor settings after one guided measurement."""
+    """The motor settings after one guided measurement, in which the robot drove slowly."""
+    set_wheels, speeds_mps = person.motors.set_wheels, [0.0]
+
+    def watched(wheels: WheelSpeeds) -> None:
+        speeds_mps.extend(map(abs, wheels))
+        set_wheels(wheels)
+
+    person.motors.set_wheels = watched  # type: ignore[method-assign]
     drive = f"drive: {{baseline_m: {hat.drive.baseline_m}, wheel_radius_m: 0.0325}}"
     path.write_text(f"model: m.onnx\nhat:\n  steps_per_rev: {hat.steps_per_rev}\n  {drive}\n")
     with person.motors as motors:
         values = GUIDES[what](Roller(motors, hat, motors), person)
+    assert max(speeds_mps) == pytest.approx(0.08)
     person.told += edit_yaml(path, values)
     return load_yaml(RobotConfig, path).hat
 
@@ -83,12 +92,15 @@ def test_a_trimmed_robot_believes_where_it_truly_drives(
 
 def test_what_no_robot_can_be_is_refused_with_what_was_seen() -> None:
     hat = HatConfig()
-    with pytest.raises(ConfigError, match=r"drag or slip"):
-        trim_from_drive(hat, 1.5, 0.5, 0.9)
+    for ahead_m, left_m in ((0.5, 0.9), (0.5, -0.9), (-1.5, 0.0), (0.0, 0.0)):
+        with pytest.raises(ConfigError, match=r"drag or slip"):
+            trim_from_drive(hat, 1.5, ahead_m, left_m)
     with pytest.raises(ConfigError, match=r"wheel radius.*1\.000 m instead of 1\.500 m"):
         trim_from_drive(hat, 1.5, 1.0, 0.0)
     with pytest.raises(ConfigError, match=r"baseline.*1\.333.*-450° beyond"):
         baseline_from_turns(hat, 10.0 * math.pi, -2.5 * math.pi)
+    with pytest.raises(ConfigError, match=r"baseline.*inf"):
+        baseline_from_turns(hat, 10.0 * math.pi, -10.0 * math.pi)
 
 
 def test_wheels_that_do_not_come_are_given_up_after_three_times_what_they_need() -> None:
@@ -99,6 +111,24 @@ def test_wheels_that_do_not_come_are_given_up_after_three_times_what_they_need()
         with pytest.raises(HardwareError, match="do the motors get their commands"):
             Roller(motors, HatConfig(), motors).roll(0.0, -0.16, 0.08)  # type: ignore[arg-type]
         assert 9.0 <= motors.now() - began_s <= 9.2  # 2 s at that speed, and 1 s more
+
+
+@pytest.mark.parametrize(
+    ("ways_m", "speed_mps"),
+    [((0.1, 0.0), 0.08), ((0.0, -0.1), 0.08), ((-0.05, 0.1), 0.08), ((0.4, 0.4), 0.15)],
+)
+def test_each_wheel_goes_as_far_as_told_and_no_faster(ways_m: tuple, speed_mps: float) -> None:
+    config = HatConfig(left=MotorConfig("M1M2", gain=0.92), right=MotorConfig("M3M4", True, 1.08))
+    with BenchMotors(config) as motors:
+        began_s = motors.now()
+        went_m = Roller(motors, config, motors).roll(*ways_m, speed_mps)  # type: ignore[arg-type]
+        assert motors.now() - began_s > max(map(abs, ways_m)) / speed_mps
+        assert went_m == pytest.approx(ways_m, abs=2.0 * config.step_m)
+        counts = motors.counts
+        motors.sleep(1.0)
+        assert motors.counts == counts, "it rests"
+        rolled_m = np.multiply(motors.rig.rolled_m, (0.92, 1.08))  # of the radii by these gains
+        assert rolled_m == pytest.approx(ways_m, abs=2.5 * config.step_m)
 
 
 def test_wheels_rest_when_they_have_stood_for_four_tenths_of_a_second() -> None:

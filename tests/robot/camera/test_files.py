@@ -54,6 +54,13 @@ def test_colours_are_red_green_blue(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "red.png"), np.full(FRAME_SHAPE, (0, 0, 255), np.uint8))  # BGR
     (picture,) = play(tmp_path)
     assert tuple(picture[0, 0]) == (255, 0, 0)
+    video = cv2.VideoWriter(
+        str(tmp_path / "red.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (160, 120)
+    )
+    video.write(np.ascontiguousarray(picture[..., ::-1]))
+    video.release()
+    (played,) = play(tmp_path / "red.avi")
+    assert np.abs(played[60, 80].astype(int) - (255, 0, 0)).max() < 9
 
 
 RICH = (".png", ".tif", ".tiff")  # formats with 16 bits and transparency
@@ -114,6 +121,13 @@ def test_the_middle_is_kept() -> None:
     picture[:, 320:960] = 200
     assert (fit_to_frame(picture) == 200).all()
     assert (fit_to_frame(picture.transpose(1, 0, 2)) == 200).all()
+
+
+def test_every_pixel_counts_in_the_frames_mean() -> None:
+    """As of the pictures that policies were taught with; single pixels would flicker."""
+    picture = np.zeros((480, 640, 3), np.uint8)
+    picture[::4, ::4] = 160
+    assert (fit_to_frame(picture) == 10).all()
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((4, 4)), np.zeros((4, 4, 4), np.uint8)])

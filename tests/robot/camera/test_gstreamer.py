@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import sys
 import time
 from pathlib import Path
@@ -20,6 +21,7 @@ from robot.camera.source import (
     NewestFrame,
     csi_command,
     gst_command,
+    open_stream,
 )
 from robot.config import CameraConfig
 from robot.errors import ConfigError, HardwareError
@@ -35,6 +37,15 @@ for level in range(1, {count} + 1):
 HALF = "import os, sys; os.write(int(sys.argv[1]), bytes(50))"
 
 
+PIECES = """
+import os, sys, time
+data = bytes((1, 2, 3, 255)) * 48 + bytes((4, 5, 6, 255)) * 48
+for piece in (data[:100], data[100:]):
+    os.write(int(sys.argv[1]), piece)
+    time.sleep(0.1)
+"""
+
+
 def program(body: str, count: int = 200, pause: float = 0.005) -> List[str]:
     return [sys.executable, "-c", PLAY.format(count=count, pause=pause) + body, "{video}"]
 
@@ -45,6 +56,14 @@ def test_reads_pictures_as_rgb() -> None:
         picture = stream.grab()
         assert picture.shape == (6, 8, 3)
         assert (picture == (3 * level, 2 * level, level)).all()
+    stream.close()
+
+
+def test_pictures_that_come_in_pieces_are_put_together() -> None:
+    """As all do that are larger than a pipe."""
+    stream = GstStream([sys.executable, "-c", PIECES, "{video}"], SIZE)
+    for rgb in ((3, 2, 1), (6, 5, 4)):
+        assert (stream.grab() == rgb).all()
     stream.close()
 
 
@@ -128,6 +147,22 @@ def test_a_child_that_hangs_is_noticed_and_killed(monkeypatch: pytest.MonkeyPatc
         os.kill(stream._child.pid, 0)
 
 
+def test_the_first_picture_is_waited_for_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source, "SILENCE_S", 0.001)
+    stream = GstStream(program("", count=1), SIZE)
+    assert stream.grab().shape == (6, 8, 3)
+    stream.close()
+
+
+def test_a_child_is_asked_to_end_before_it_is_killed_and_hears_no_ctrl_c() -> None:
+    """A camera that is not let go in order may stay taken."""
+    stream = GstStream(program("time.sleep(60)", count=1), SIZE)
+    stream.grab()
+    assert os.getsid(stream._child.pid) != os.getsid(0)
+    stream.close()
+    assert stream._child.returncode == -signal.SIGTERM
+
+
 def test_a_program_that_is_not_there_is_named() -> None:
     with pytest.raises(HardwareError, match="no-such-gst: expected a program that starts"):
         GstStream(["no-such-gst"], SIZE)
@@ -150,12 +185,25 @@ def test_the_camera_comes_back_when_the_child_is_killed() -> None:
 
 
 def test_the_csi_command_scales_in_hardware_and_queues_one_picture() -> None:
-    command = csi_command(sensor=1, flip=2, fps=30, size_px=(320, 240))
+    command = csi_command(sensor=1, flip=2, fps=21, size_px=(320, 240))
     assert command[:2] == ["gst-launch-1.0", "-q"]
     assert command.index("nvvidconv") < command.index(
         "video/x-raw,format=BGRx,width=320,height=240"
     )
-    assert "max-size-buffers=1" in command
+    mode = "video/x-raw(memory:NVMM),width=1640,height=1232,format=NV12,framerate=21/1"
+    needed = {"sensor-id=1", "sensor-mode=3", mode, "flip-method=2", "sync=false"}
+    assert needed | {"leaky=downstream", "max-size-buffers=1"} <= set(command)
+
+
+def test_each_kind_of_camera_is_opened_as_configured(monkeypatch: pytest.MonkeyPatch) -> None:
+    for kind in ("GstStream", "V4l2Stream", "SocketStream"):
+        monkeypatch.setattr(source, kind, lambda *told, kind=kind: (kind, *told))
+    size = (320, 240)
+    csi, v4l2 = CameraConfig("csi", 1, 2, 21), CameraConfig("v4l2", 3, fps=60)
+    assert open_stream(csi, size) == ("GstStream", csi_command(1, 2, 21, size), size)
+    assert open_stream(v4l2, size) == ("V4l2Stream", 3, size, 60)
+    virtual = CameraConfig("socket", path="/run/camera")
+    assert open_stream(virtual, size) == ("SocketStream", "/run/camera", (160, 120))
 
 
 @pytest.mark.skipif(shutil.which("gst-launch-1.0") is None, reason="no gst-launch-1.0")
@@ -168,3 +216,4 @@ def test_the_real_gst_launch_plays(tmp_path: Path) -> None:
 def test_a_program_that_ends_waits_for_the_child_before_its_first_picture() -> None:
     """Else `gst-launch-1.0` lives on, in a session of its own, and holds the camera."""
     assert JOIN_S > FIRST_PICTURE_S >= 8.0
+    assert NewestFrame(lambda: GstStream(["none"], SIZE), time.monotonic)._patience_s == JOIN_S

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import itertools
 import os
 import resource
 import threading
@@ -11,7 +12,7 @@ from typing import Callable, List, Optional
 import numpy as np
 import pytest
 
-from robot.camera.source import NewestFrame
+from robot.camera.source import Frame, NewestFrame
 from robot.errors import HardwareError
 from robot.inference.preprocess import FRAME_SHAPE
 
@@ -137,7 +138,18 @@ def test_an_odd_picture_counts_as_none_and_the_next_ones_come(odd: str) -> None:
         eventually(lambda: camera.problem == "")
 
 
-def test_a_stream_of_odd_pictures_keeps_no_processor_busy() -> None:
+@pytest.mark.usefixtures("quickly")
+def test_each_frame_is_dated_when_it_has_come() -> None:
+    with NewestFrame(lambda: FakeStream([1, 2, 3]), itertools.count().__next__) as camera:
+        eventually(lambda: (camera.read() or Frame(np.zeros(0), 0, 0.0)).sequence > 3)
+        frame = camera.read()
+    assert frame is not None
+    assert frame.time_s == frame.sequence
+
+
+def test_a_stream_of_odd_pictures_keeps_no_processor_busy_and_is_told_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     odd: List[int] = []
 
     class Stream(FakeStream):
@@ -148,6 +160,7 @@ def test_a_stream_of_odd_pictures_keeps_no_processor_busy() -> None:
     with NewestFrame(lambda: Stream([]), time.monotonic):
         time.sleep(0.3)
     assert 0 < len(odd) <= 32, "a hundred a second at most"
+    assert len([each for each in caplog.messages if "odd picture" in each]) == 1
 
 
 def test_nothing_but_odd_pictures_leave_the_last_frame_to_grow_old() -> None:

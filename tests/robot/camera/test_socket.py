@@ -48,6 +48,17 @@ def test_a_picture_of_another_kind_ends_the_stream_and_one_of_another_size_is_od
     stream.close()
 
 
+def test_after_a_picture_of_another_size_the_next_one_is_taken_whole(server: socket.socket) -> None:
+    stream = opened(server)
+    peer, _ = server.accept()
+    with peer:
+        peer.sendall(b"RGB8\0\1\0\2uvwxyzRGB8\0\2\0\1abcdef")
+        with pytest.raises(ContractError):
+            stream.grab()
+        assert stream.grab().tobytes() == b"abcdef"
+    stream.close()
+
+
 def test_a_camera_that_says_nothing_is_waited_for_two_seconds(
     server: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:

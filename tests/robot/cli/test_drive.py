@@ -28,7 +28,10 @@ from tests.robot.tiny_onnx import lane_contract, write_policy
 @pytest.mark.usefixtures("hears_signals")
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
 def test_systemd_hears_ready_the_state_the_heart_and_the_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: signal.Signals
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    how: signal.Signals,
 ) -> None:
     runtimes: List[Runtime] = []
 
@@ -70,6 +73,9 @@ def test_systemd_hears_ready_the_state_the_heart_and_the_end(
             thread.join()
     assert (heard[0], heard[-1]) == ("READY=1", "STOPPING=1")
     assert any(line.startswith("STATUS=DISARMED") for line in heard)
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("type arm, auto, stop")
+    assert [line for line in said if line.startswith("DISARMED: ")], "as at a terminal"
     assert time.monotonic() - began_s >= 1.0
     assert runtimes[0].safety.verdict.state is State.DISARMED
 

@@ -72,7 +72,7 @@ def test_wrong_input_is_one_line_and_exit_status_2(
     good = {"--model": model, "--images": str(pictures), "--json": str(tmp_path / "o.json")}
     for change, said in (
         ({"--model": "none.onnx"}, "none.onnx: expected an ONNX policy"),
-        ({"--images": "none"}, "none: expected a folder of pictures, got no such folder"),
+        ({"--images": "none"}, "none: expected a folder of pictures (.png, .jpg"),
         ({"--images": str(bad)}, "x.png: expected a picture"),
         ({"--json": "/proc/none/o.json"}, "expected a place to write to"),
     ):
@@ -82,6 +82,15 @@ def test_wrong_input_is_one_line_and_exit_status_2(
         assert error.startswith("robot infer: ")
         assert said in error
         assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["m.onnx", "pictures/a_red.png"])
+def test_what_is_read_is_not_written_over(tmp_path: Path, pictures: Path, name: str) -> None:
+    write_policy(tmp_path / "m.onnx", lane_contract())
+    before = (tmp_path / name).read_bytes()
+    words = ["--model", str(tmp_path / "m.onnx"), "--images", str(pictures)]
+    assert main(["infer", *words, "--json", str(tmp_path / name)]) == 2
+    assert (tmp_path / name).read_bytes() == before
 
 
 @pytest.mark.parametrize(

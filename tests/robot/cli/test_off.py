@@ -49,6 +49,16 @@ def test_a_bus_without_a_hat_is_left_alone() -> None:
     assert switch_off(VirtualI2cBus(), [0x6F, 0x60], rig.clock) == ""
 
 
+def test_where_no_hat_is_found_nobody_is_told_that_all_is_off(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(off, "open_bus", lambda _: VirtualI2cBus())
+    monkeypatch.setattr(off.os.path, "exists", lambda path: path == "/dev/i2c-7")
+    assert main(["off"]) == 1
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "robot off: expected a HAT on bus 7, found none\n")
+
+
 def test_a_program_that_switches_the_coils_on_again_is_told() -> None:
     rig = make_rig()
     rig.driver.open()
@@ -99,6 +109,7 @@ def test_it_waits_for_a_program_that_switches_the_coils_on_again_a_moment_later(
     [
         ("hat: {bus: 7, addresses: [0x6D]}", (7, [0x6D])),
         ("hat: {addresses: ['0x6E', 0x60]}", (1, [0x6E, 0x60])),
+        ("hat: {addresses: [0x40, 0x77]}", (1, [0x40, 0x77])),
         ("hat: {socket: /run/i2c}", ("/run/i2c", [0x6F, 0x60])),
         ("model: lane.onnx", (1, [0x6F, 0x60])),
         ("", (1, [0x6F, 0x60])),

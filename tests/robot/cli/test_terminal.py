@@ -55,6 +55,15 @@ def test_who_can_type_no_more_stops_the_robot(lines: Iterable[str], count: int) 
     assert bench.state is State.HOLD
 
 
+def test_a_line_that_never_comes_keeps_no_program_from_ending() -> None:
+    typing = threading.Event()
+    Terminal(iter(typing.wait, True), lambda _: None)  # type: ignore[arg-type]
+    (thread,) = (each for each in threading.enumerate() if each.name == "terminal")
+    assert thread.daemon
+    typing.set()
+    thread.join(5.0)
+
+
 def test_an_unknown_word_is_told_with_the_nearest() -> None:
     terminal, said = typed("amr", "manual")
     terminal.serve(Bench().runtime.ask)

@@ -1,5 +1,6 @@
 import contextlib
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -160,6 +161,17 @@ def test_after_a_pause_of_the_process_no_missed_step_is_made_up(then: str) -> No
         rig.come_to_rest()
         rig.drive(0.3, 0.3, 1.0)
         assert rig.driver.pose.x_m - before_m < 0.3 + 0.01
+
+
+def test_what_is_commanded_after_a_pause_counts() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.1, 0.1, 1.0)
+        before_m = rig.driver.pose.x_m
+        rig.clock.sleep(2.0)
+        rig.driver.set_wheels(WheelSpeeds(0.1, 0.1))
+        rig.wait(0.4)
+        assert rig.driver.pose.x_m > before_m + 0.02
 
 
 def test_the_rotor_does_lose_steps_without_ramps() -> None:
@@ -329,7 +341,9 @@ def test_a_robot_told_to_drive_while_it_brakes_keeps_its_coils() -> None:
     with rig.driver:
         rig.drive(0.2, 0.2, 1.0)
         rig.driver.release()
-        rig.drive(0.1, 0.1, 2.0)
+        for _ in range(20):
+            rig.drive(0.1, 0.1, 0.1)
+            assert rig.hat.chip.outputs.any_high
         assert speeds(rig.driver.planner, rig.clock.now()) == pytest.approx((0.1, 0.1))
         assert rig.hat.lost_steps == (0, 0)
 
@@ -379,6 +393,16 @@ def test_a_write_cut_off_at_any_step_ends_with_all_off(after: int) -> None:
         assert rig.driver.energised
 
 
+def test_a_robot_that_stands_is_released_at_the_third_attempt() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.1, 0.1, 1.0)
+        rig.come_to_rest()
+        rig.bus.inject(BusFault.NACK, count=2)
+        rig.driver.release()
+        assert not rig.hat.chip.outputs.any_high
+
+
 def test_a_dead_bus_is_told_as_such() -> None:
     rig = make_rig()
     rig.driver.open()
@@ -406,6 +430,28 @@ def test_an_exception_in_the_block_ends_with_all_off() -> None:
     assert not rig.hat.chip.outputs.any_high
 
 
+def test_an_interrupt_while_it_brakes_ends_with_all_off() -> None:
+    rig = make_rig()
+
+    def interrupted(_: float) -> None:
+        raise KeyboardInterrupt
+
+    with contextlib.suppress(KeyboardInterrupt), rig.driver:
+        rig.drive(0.3, 0.3, 1.0)
+        rig.driver._clock = SimpleNamespace(now=rig.clock.now, sleep=interrupted)
+    assert rig.last.data == ALL_OFF
+    assert not rig.hat.chip.outputs.any_high
+
+
+def test_a_wheel_that_stands_beside_one_that_turns_has_the_whole_duty() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.1, 0.1, 1.0)
+        rig.come_to_rest()
+        rig.drive(0.1, 0.0, 0.5)
+        assert [duty(rig.hat.chip.outputs, channel) for channel in (2, 7, 8, 13)] == [1.0] * 4
+
+
 def test_a_chip_that_lost_its_supply_is_noticed() -> None:
     rig = make_rig()
     with rig.driver:
@@ -415,7 +461,7 @@ def test_a_chip_that_lost_its_supply_is_noticed() -> None:
             rig.drive(0.2, 0.2, 2.0)
 
 
-@pytest.mark.parametrize("wheels", [(math.nan, 0.0), (0.0, math.inf), (0.5, 0.0)])
+@pytest.mark.parametrize("wheels", [(math.nan, 0.0), (0.0, math.inf), (0.5, 0.0), (0.0, -0.5)])
 def test_impossible_speeds_are_refused_and_change_nothing(wheels: tuple) -> None:
     rig = make_rig()
     with rig.driver:

@@ -15,7 +15,7 @@ from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread, own_bus
-from sim_pybullet.virtual.clock import VirtualClock
+from sim_pybullet.virtual.clock import VirtualClock, run_until
 from sim_pybullet.virtual.hat import VirtualHat
 from tests.robot.hat.rig import ALL_OFF, WatchedBus
 
@@ -91,8 +91,10 @@ def test_a_thread_that_hangs_is_told_at_the_fourth_look_and_after_half_a_second(
         assert rig.bus.log[-1].data == ALL_OFF
         with pytest.raises(HardwareError, match="it hangs"):
             rig.motors.set_wheels(WheelSpeeds(0.0, 0.0))
+        hung = rig.motors._thread
         rig.motors.mend()
         assert rig.motors.healthy
+        assert not hung.is_alive(), "two threads would step"
         rig.motors._turns += 1
         for k in range(9):
             look_at(20.0 + 0.06 * k)  # often, but not for half a second
@@ -119,6 +121,34 @@ def test_who_commands_a_thread_that_ended_is_told(rig: Any) -> None:
         rig.motors.mend()
         rig.motors.stop()
         assert rig.motors.healthy
+
+
+def test_the_thread_waits_for_the_next_deadline_and_a_moment_where_it_is_past(rig: Any) -> None:
+    """Longer, steps would come late; without a moment, no other thread would come to its turn."""
+    waits: List[Any] = []
+    deadlines_s = iter([None, 10.02, 9.0])
+    rig.clock.advance_to(10.0)
+    rig.motors._driver.pump = lambda _: next(deadlines_s)
+    rig.motors._alarm.wait = waits.append
+    with pytest.raises(StopIteration):
+        MotorThread._work(rig.motors)
+    assert waits == [None, pytest.approx(0.02), 50e-6]
+
+
+def test_who_is_told_to_stop_or_to_let_go_does(rig: Any) -> None:
+    motors, clock = rig.motors, rig.clock
+    with motors:
+        for _ in range(3):
+            motors.set_wheels(WheelSpeeds(0.2, 0.2))
+            run_until(motors._driver, clock, clock.now() + 0.4)
+        assert motors._driver.planner.deadline_s is not None
+        motors.stop()
+        run_until(motors._driver, clock, clock.now() + 0.16)
+        assert motors._driver.planner.deadline_s is None
+        assert rig.hat.chip.outputs.any_high, "the coils hold"
+        clock.sleep(0.31)
+        motors.release()
+        assert not rig.hat.chip.outputs.any_high
 
 
 def test_every_command_wakes_the_thread(rig: Any) -> None:

@@ -148,6 +148,8 @@ def test_the_linux_bus_sends_and_receives_whole_messages(monkeypatch: pytest.Mon
     assert len(KernelBus.devices.log[-1].data) == 41
     assert [duty(registers.outputs, channel) for channel in (2, 3, 12, 13)] == [0, 1, 1, 0]
     assert chip.bus.name == "/dev/i2c-1"
+    bus.close()
+    assert bus._bus.closed
 
 
 def test_an_absent_bus_is_told_with_the_right_numbers() -> None:

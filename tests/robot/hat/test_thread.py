@@ -1,6 +1,7 @@
 import time
-from threading import Thread
-from typing import Callable, Tuple
+from contextlib import suppress
+from threading import Event, RLock, Thread
+from typing import Callable, Optional, Tuple
 
 import pytest
 
@@ -70,6 +71,20 @@ def test_an_end_that_comes_while_the_thread_looks_for_one_is_not_missed(parts: t
     motors.end()
 
 
+def test_the_end_wakes_a_thread_that_waits_for_nothing(parts: tuple) -> None:
+    motors, _, _ = parts
+    with motors:
+        motors.release()
+        wait_for(lambda: motors._turns > 1)
+        time.sleep(0.05)
+        ending = Thread(target=motors.end, daemon=True)
+        ending.start()
+        ending.join(3.0)
+        ended = not ending.is_alive()
+        motors._alarm.set()  # so that no fault hangs the tests
+    assert ended
+
+
 def test_a_fault_in_the_background_reaches_the_next_caller(parts: tuple) -> None:
     motors, bus, _ = parts
     with motors:
@@ -119,30 +134,115 @@ def test_a_mended_bus_drives_again_without_a_new_start(parts: tuple) -> None:
         time.sleep(0.1)
         assert motors.counts == before, "mending moves nothing"
         wait_for_motion(motors)
+        thread = motors._thread
         motors.mend()  # nothing to do
         assert motors.healthy
+        assert motors._thread is thread
     assert bus.log[-1].data == ALL_OFF
 
 
-def test_who_watches_leaves_a_hat_alone_that_is_being_mended(parts: tuple) -> None:
+def test_mending_switches_off_what_a_thread_that_ended_left_on(parts: tuple) -> None:
+    motors, _, hat = parts
+    with motors:
+        wait_for_motion(motors)
+        motors.end()
+        assert hat.chip.outputs.any_high
+        motors.mend()
+        assert not hat.chip.outputs.any_high
+
+
+@pytest.mark.parametrize("step", ["open", "start"])
+def test_who_watches_leaves_a_hat_alone_that_is_being_mended(parts: tuple, step: str) -> None:
     """For some milliseconds there is neither a thread nor a fault."""
     motors, bus, _ = parts
+    whose = motors._driver if step == "open" else motors
     with motors:
         wait_for_motion(motors)
         bus.inject(BusFault.NACK)
         wait_for(lambda: not motors.healthy)
-        open_hat, watcher = motors._driver.open, Thread(target=motors.stop)
+        do, watcher = getattr(whose, step), Thread(target=motors.stop)
 
         def slowly() -> None:
-            open_hat()
+            if step == "open":
+                do()
             watcher.start()
             watcher.join(0.2)
+            if step == "start":
+                do()
 
-        motors._driver.open = slowly
+        setattr(whose, step, slowly)
         motors.mend()
         watcher.join()
         assert motors.healthy
         wait_for_motion(motors)
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_coils_go_off_when_the_thread_has_made_its_last_step(parts: tuple, again: bool) -> None:
+    """Else it could switch them on behind the last word; and Ctrl-C may come again meanwhile."""
+    motors, bus, hat = parts
+    pump, close, pumping, clashes = motors._driver.pump, motors._driver.close, Event(), []
+
+    def slowly(now_s: float) -> Optional[float]:
+        pumping.set()
+        time.sleep(0.1)
+        deadline_s = pump(now_s)
+        pumping.clear()
+        return deadline_s
+
+    def look_and_close() -> None:
+        clashes.append(pumping.is_set() or (motors.alive and not again))
+        close()
+
+    def interrupted(_: object) -> bool:
+        raise KeyboardInterrupt
+
+    with suppress(KeyboardInterrupt), motors:
+        wait_for_motion(motors)
+        motors._driver.pump, motors._driver.close = slowly, look_and_close
+        if again:
+            motors._ended.wait = interrupted
+        assert pumping.wait(5.0)
+    assert clashes == [False]
+    assert bus.log[-1].data == ALL_OFF
+    assert not hat.chip.outputs.any_high
+
+
+def test_thread_and_commands_take_turns_at_the_driver(parts: tuple) -> None:
+    motors, _, _ = parts
+    turn, clashes = RLock(), []
+
+    def alone(name: str) -> None:
+        do = getattr(motors._driver, name)
+
+        def call(*told: object) -> object:
+            if not turn.acquire(blocking=False):
+                clashes.append(name)
+                return None
+            try:
+                time.sleep(0.005)
+                return do(*told)
+            finally:
+                turn.release()
+
+        setattr(motors._driver, name, call)
+
+    for name in ("pump", "set_wheels", "stop", "release"):
+        alone(name)
+    with motors:
+        for _ in range(10):
+            motors.set_wheels(WheelSpeeds(0.1, 0.1))
+            motors.stop()
+            motors.release()
+    assert clashes == []
+
+
+def test_without_a_hat_no_thread_is_left_behind(parts: tuple) -> None:
+    motors, bus, _ = parts
+    bus.inject(BusFault.NACK, 10**6)
+    with pytest.raises(HardwareError):
+        motors.__enter__()
+    assert not motors.alive
 
 
 def test_an_absent_bus_is_told_before_anything_starts() -> None:

@@ -92,7 +92,8 @@ def test_stop_and_disarm_are_taken_however_old(
 ) -> None:
     ear = Ear()
     told = {} if session is None else {"robot_session": session}
-    assert ear.take(kind, 100.0 - age_s, **told).accepted
+    ack = ear.take(kind, 100.0 - age_s, **told)
+    assert (ack.accepted, ack.robot_session, ack.robot_time_s) == (True, ear.server.session, 100.0)
     assert [command.kind for command in ear.asked] == [kind]
 
 
@@ -316,6 +317,15 @@ def test_a_stop_is_repeated_every_tenth_of_a_second_until_it_is_answered() -> No
     assert hand.client.send("stop") != stop
 
 
+def test_who_presses_stop_again_and_again_repeats_the_one_that_is_not_answered() -> None:
+    hand = Hand()
+    first = hand.client.send("stop")
+    assert [hand.client.send("stop") for _ in range(9)] == [first] * 9
+    hand.at(10.101)
+    assert [command.id for command in hand.sent] == [first] * 2
+    assert hand.client.send("arm") != hand.client.send("arm"), "anything else is told anew"
+
+
 @pytest.mark.parametrize("kind", ["arm", "disarm", "clear", "manual"])
 def test_anything_else_is_sent_once_and_has_a_second(kind: str) -> None:
     hand = Hand()
@@ -338,6 +348,18 @@ def test_every_command_echoes_what_the_robot_said_last() -> None:
     assert (hand.sent[1].robot_session, hand.sent[1].robot_time_s) == ("robot1", 55.5)
     assert hand.sent[0].id != hand.sent[1].id
     assert hand.sent[0].session == hand.sent[1].session == hand.client.session
+
+
+def test_all_answers_that_wait_are_taken_at_once_and_the_last_is_echoed() -> None:
+    hand = Hand()
+    sent = [hand.client.send("arm"), hand.client.send("clear")]
+    hand.robot_says(Ack(sent[0], True, "", "robot1", 55.5))
+    hand.link.socket.waiting.append([b"garbage"])
+    hand.robot_says(Ack(sent[1], False, "no", "robot2", 3.0))
+    assert [ack.id for ack in hand.at(10.1)] == sent
+    hand.client.send("arm")
+    last = hand.sent[-1]
+    assert (last.robot_session, last.robot_time_s) == ("robot2", 3.0), "its clock began anew"
 
 
 def test_silence_is_since_the_last_answer_and_garbage_is_none() -> None:

@@ -96,6 +96,18 @@ def test_two_publishers_are_found_and_neither_is_believed() -> None:
     assert all(alone[first:])
 
 
+def test_no_pose_is_taken_of_two_who_publish_at_once() -> None:
+    gate = PoseGate("duck")
+    assert gate.take(pose(1, 0.0), now_s=0.0)
+    assert gate.take(pose(1, 0.1, session="b"), now_s=0.1)
+    for i, session in enumerate("abab"):
+        now_s = 0.2 + 0.1 * i
+        assert not gate.take(pose(2 + i, now_s, session=session), now_s=now_s)
+    assert gate.stream.refused == {"two publishers": 4}
+    assert gate.latest is not None
+    assert (gate.latest.session, gate.latest.sequence) == ("b", 1)
+
+
 def test_an_earlier_session_may_come_back_after_silence() -> None:
     gate = StreamGate()
     offer(gate, "a", 1, now_s=0.0)
@@ -135,12 +147,13 @@ def test_every_pose_within_reach_is_taken(dt_s: float, share: float) -> None:
     )
 
 
-def test_a_robot_carried_elsewhere_is_believed_when_it_could_be_there() -> None:
+@pytest.mark.parametrize("session", ["a", "b"], ids=["same", "restarted"])
+def test_a_robot_carried_elsewhere_is_believed_when_it_could_be_there(session: str) -> None:
     gate = PoseGate("duck")
     gate.take(pose(0, 0.0), now_s=0.0)
     first: float | None = None
     for i in range(1, 100):
-        if gate.take(pose(i, 0.1 * i, x_m=2.0), now_s=0.1 * i):
+        if gate.take(pose(i, 0.1 * i, x_m=2.0, session=session), now_s=0.1 * i):
             first = 0.1 * i
             break
         assert gate.stream.age_s(0.1 * i) >= 0.1 * i

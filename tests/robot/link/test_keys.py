@@ -53,6 +53,13 @@ def test_keys_are_never_overwritten(tmp_path: Path) -> None:
     assert (folder / "secret.key").read_bytes() == before
 
 
+def test_a_key_that_was_put_aside_is_allowed_no_longer(tmp_path: Path) -> None:
+    folder = keygen(tmp_path)["robot"]
+    key = folder / "allowed" / "monitor.key"
+    key.rename(key.with_name("monitor.key.lost"))
+    assert set(load_keys(folder).peers) == {"localizer"}
+
+
 def test_a_folder_without_keys_says_how_to_make_them(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="duckpilot keygen"):
         load_keys(tmp_path)
@@ -103,10 +110,16 @@ def test_a_pair_of_two_roles_and_two_of_one_role_are_refused(tmp_path: Path) -> 
         load_keys(folder).peer("robot")
 
 
-@pytest.mark.parametrize("text", ["", "pilot " + "x" * 40, "robot " + "x" * 39, "robot a b", "\0"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "pilot " + "x" * 40, "robot " + "x" * 39, "robot a b", "\0"),
+        *("robot " + "~" * 40, "robot " + "ä" * 20),
+    ],
+)
 def test_what_is_no_key_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     folder = keygen(tmp_path)["robot"]
-    (folder / "public.key").write_text(text)
+    (folder / "public.key").write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match="40 characters of Z85") as caught:
         load_keys(folder)
     assert "\n" not in str(caught.value)

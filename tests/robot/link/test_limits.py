@@ -263,6 +263,7 @@ def test_the_options_of_every_socket(key_folders: Dict[str, Path]) -> None:
             assert socket.getsockopt(zmq.CURVE_SERVER) == 1
             assert socket.getsockopt(zmq.ZAP_ENFORCE_DOMAIN) == 1
             assert socket.getsockopt(zmq.ZAP_DOMAIN).rstrip(b"\0") == domain
+            assert socket.getsockopt(zmq.LAST_ENDPOINT).startswith(b"tcp://0.0.0.0:")
         hears = monitor.connect("telemetry", 1000)
         hand = monitor.connect("command", 1000)
         kinds = [socket.type for socket in (reports, ear, hears, hand)]

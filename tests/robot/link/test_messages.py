@@ -23,6 +23,7 @@ from robot.link.messages import (
     InputAge,
     Mission,
     MissionStatus,
+    PoseMessage,
     PosesMessage,
     Reading,
     Sighting,
@@ -198,6 +199,26 @@ def test_a_frame_that_is_no_jpeg_or_too_large_is_refused() -> None:
     good = FrameMessage(b"\xff\xd8\xff\xd9", 0.0).to_bytes()
     with pytest.raises(ContractError, match="expected bytes"):
         FrameMessage.from_bytes(good.replace(b'"jpeg":"', b'"jpeg":"*'))
+
+
+def test_each_robot_has_its_own_pose_with_the_stamp_of_all() -> None:
+    both = (Sighting("duck", 1.0, 2.0, 0.5, 0.9), Sighting("drake", 3.0, 4.0, None, 0.8))
+    poses = PosesMessage(both, 10.0, "s", 7, 10.02)
+    assert poses.of("drake") == PoseMessage("drake", 3.0, 4.0, None, 0.8, 10.0, "s", 7, 10.02)
+    assert poses.of("duck") == poses.every[0]
+    assert poses.of("rover") is None
+
+
+def test_half_a_character_is_no_text() -> None:
+    data = Ack("i", False, "x").to_bytes().replace(b'"x"', b'"\\ud800"')
+    with pytest.raises(ContractError, match="of printable text"):
+        Ack.from_bytes(data)
+
+
+@pytest.mark.parametrize("jpeg", [b"\xff\xd8 cut off", b"beheaded \xff\xd9"])
+def test_half_a_picture_is_none(jpeg: bytes) -> None:
+    with pytest.raises(ContractError, match="expected JPEG bytes"):
+        FrameMessage(jpeg, 1.0)
 
 
 def test_a_mission_comes_with_a_mission_command_only() -> None:

@@ -288,3 +288,38 @@ def test_whatever_is_asked_at_the_door_is_answered(
         door = AllowList(context, load_keys(str(key_folders["robot"])))
         assert door._verdict(spoilt)[2] == b"400"
         door.socket.close()
+
+
+def test_a_key_counts_with_curve_and_for_a_stream_that_there_is(
+    key_folders: Dict[str, object],
+) -> None:
+    from zmq.utils import z85
+
+    from robot.link.keys import AllowList
+
+    key = z85.decode(load_keys(str(key_folders["monitor"])).public)
+    with zmq.Context() as context:
+        door = AllowList(context, load_keys(str(key_folders["robot"])))
+        for stream, mechanism, code in (
+            (b"command", b"CURVE", b"200"),
+            (b"command", b"GSSAPI", b"400"),
+            (b"", b"CURVE", b"400"),
+            (b"steering", b"CURVE", b"400"),
+        ):
+            verdict = door._verdict([b"1.0", b"7", stream, b"a", b"", mechanism, key])
+            assert verdict[1:3] == [b"7", code], (stream, mechanism)
+        door.socket.close()
+
+
+def test_a_long_name_that_is_turned_away_can_be_told(key_folders: Dict[str, object]) -> None:
+    from zmq.utils import z85
+
+    from robot.link.keys import AllowList
+
+    own = load_keys(str(key_folders["robot"]))
+    lamp, _ = zmq.curve_keypair()
+    with zmq.Context() as context:
+        door = AllowList(context, replace(own, peers={"lamp-" * 9: Peer("localizer", lamp)}))
+        door._verdict([b"1.0", b"7", b"command", b"a", b"", b"CURVE", z85.decode(lamp)])
+        assert door.reading().name == "turned away: lamp-lamp-l"
+        door.socket.close()

@@ -65,6 +65,8 @@ def test_a_robot_hears_the_one_of_others_whose_key_it_has(
     name = "rover"
     shutil.copytree(own, tmp_path / "own")
     shutil.copy(its / "public.key", tmp_path / "own" / "allowed" / f"{name}.key")
+    third = keygen(tmp_path / "third", ("robot", "monitor"))["robot"]
+    shutil.copy(third / "public.key", tmp_path / "own" / "allowed" / "third.key")
     shutil.copy(own / "public.key", its / "allowed" / "robot.key")
     other = OtherRobot(name, "127.0.0.1", free_base_port())
     publisher = Publisher(open_link(LinkConfig(str(its), base_port=other.base_port)), Telemetry)
@@ -79,8 +81,11 @@ def test_a_robot_hears_the_one_of_others_whose_key_it_has(
 
     assert until(arrived)
     assert got[-1].robot == name
-    with pytest.raises(ConfigError, match=r"a robot's in allowed/scout\.key, got none"):
-        link.to(replace(other, name="scout"))
+    far = link.to(replace(other, host="10.0.0.7"))
+    assert far.config.endpoint("telemetry") == f"tcp://10.0.0.7:{other.base_port + 1}"
+    for nobody in ("scout", "localizer"):
+        with pytest.raises(ConfigError, match=rf"a robot's in allowed/{nobody}\.key, got none"):
+            link.to(replace(other, name=nobody))
 
 
 def strangers(configs: Configs, tmp_path: Path) -> dict[str, Link]:
@@ -208,6 +213,22 @@ def test_an_oversized_message_never_reaches_the_program(configs: Configs, open_l
         assert subscriber.receive() is None
     assert subscriber.refused == 0, "the socket itself refuses it"
     assert until(good), "and hears the next good one"
+
+
+def test_who_connects_again_need_not_be_connected(configs: Configs, open_link: Open) -> None:
+    """libzmq gives an endpoint up for good after a refusal; to leave it then is an error of its."""
+    link = open_link(configs["monitor"])
+    socket = link.connect("pose", 4096)
+    socket.disconnect(configs["monitor"].endpoint("pose"))
+    with pytest.raises(zmq.ZMQError):
+        socket.disconnect(configs["monitor"].endpoint("pose"))
+    link.reconnect(socket, "pose")
+    socket.disconnect(configs["monitor"].endpoint("pose"))  # it is connected
+
+
+def test_a_link_speaks_to_the_hosts_of_its_file(configs: Configs, open_link: Open) -> None:
+    config = replace(configs["monitor"], robot_host="robot.local", localizer_host="10.0.0.2")
+    assert open_link(config).config == config
 
 
 @pytest.mark.parametrize(

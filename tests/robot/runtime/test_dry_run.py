@@ -10,7 +10,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from robot.contract import PolicyContract
+from robot.geometry import STILL
 from robot.runtime import dry_run
+from robot.safety.state_machine import State
+from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 LAGS_S, DURATIONS_S = (0.001, 0.003, 0.002), (0.06, 0.01, 0.02)
 
@@ -36,3 +40,10 @@ def test_lags_and_turns_are_told_in_ms_and_memory_in_mb(
         "turn_p99_ms": pytest.approx(59.2),
     }
     assert 10.0 < told["robot"]["rss_mb"] < 100_000.0
+
+
+@pytest.mark.parametrize("contract", [lane_contract(), navigation_contract()])
+def test_what_is_measured_is_a_robot_that_drives(contract: PolicyContract, tmp_path: Path) -> None:
+    runtime = dry_run.dry_runtime(write_policy(tmp_path / "m.onnx", contract))
+    tick = [runtime.step() for _ in range(3)][-1]
+    assert (tick.verdict.state, tick.wheels == STILL) == (State.AUTO, False)

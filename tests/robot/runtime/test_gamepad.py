@@ -108,6 +108,19 @@ def test_the_stick_drives_only_when_armed_and_held(person: Person) -> None:
     assert 0.1 < (left + right) / 2 < 0.15
 
 
+def test_the_stick_drives_back_and_to_the_right_as_well(person: Person) -> None:
+    person.press(START)
+    person.press(LB)
+    person.push(0, 32767)
+    person.turn(3)
+    assert person.bench.motors.wheels == pytest.approx((-0.3, -0.3))
+    person.push(32767, 0)
+    person.turn(3)
+    left, right = person.bench.motors.wheels
+    assert left == pytest.approx(-right)
+    assert left > 0.1
+
+
 def test_letting_go_stops_at_once_and_holds(person: Person) -> None:
     person.press(START)
     person.push(0, -32767)
@@ -137,6 +150,29 @@ def test_the_policy_is_taken_over_and_sent_again(person: Person) -> None:
     assert not person.bench.motors.turning
 
 
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_who_arms_with_the_stick_pushed_and_held_drives_only_after_pressing_anew(
+    person: Person, by_hand: bool
+) -> None:
+    person.press(START)
+    person.push(0, -32767)
+    person.press(LB)
+    if by_hand:
+        person.press(B)
+    else:
+        person.bench.operator.silent_s = 1.2
+        person.turn()
+        person.bench.operator.silent_s = 0.1
+        person.turn()
+    assert person.state is State.HOLD
+    person.press(START)
+    person.turn(2)
+    assert (person.state, person.bench.motors.turning) == (State.READY, False)
+    person.press(LB, 0)
+    person.press(LB)
+    assert person.state is State.MANUAL
+
+
 def test_what_was_let_go_or_stopped_while_events_were_lost_counts(person: Person) -> None:
     """When its buffer runs over, joydev drops all of it and tells the state anew, as at opening."""
     person.press(START)
@@ -160,6 +196,29 @@ def test_what_was_let_go_or_stopped_while_events_were_lost_counts(person: Person
     person.device.event(BUTTON | AT_OPENING, B, 1)
     person.turn()
     assert person.state is State.HOLD
+
+
+def test_a_button_that_is_let_go_or_told_anew_neither_arms_nor_drives(person: Person) -> None:
+    for button in (START, Y, B):
+        person.press(button)
+    for button in (START, Y):
+        person.press(button, 0)
+        assert person.state is State.HOLD
+    for button in (START, Y):
+        person.device.event(BUTTON | AT_OPENING, button, 1)
+        person.turn()
+        assert person.state is State.HOLD
+
+
+def test_where_the_stick_went_while_events_were_lost_counts(person: Person) -> None:
+    person.press(START)
+    person.push(0, -32767)
+    person.press(LB)
+    person.turn(2)
+    assert person.bench.motors.turning
+    person.device.event(AXIS | AT_OPENING, LEFT_Y, 0)
+    person.turn(3)
+    assert (person.state, person.bench.motors.wheels) == (State.MANUAL, STILL)
 
 
 def test_a_pad_that_is_gone_is_a_silent_person(person: Person) -> None:

@@ -212,6 +212,7 @@ FAULTS: Dict[str, Tuple[Reason, Fault]] = {
         frames(lambda frame: frame._replace(image=frame.image / 255.0)),
     ),
     "camera gives junk": (Reason.CAMERA, frames(lambda frame: "junk")),
+    "eyes raise": (Reason.CAMERA, breaks("eyes", ValueError("no fit"))),
     "policy gives NaN": (Reason.NON_FINITE, values(lambda values: values * math.nan)),
     "policy gives infinity": (Reason.NON_FINITE, values(lambda values: values + math.inf)),
     "policy gives one NaN": (
@@ -385,6 +386,41 @@ def test_a_failing_stop_is_tried_again_in_every_turn() -> None:
     bench.motors.log.clear()
     bench.turn(5)
     assert bench.motors.log == []
+
+
+@pytest.mark.parametrize("let_go", [Command.DISARM, None])
+def test_coils_that_stay_on_are_let_go_again_in_every_turn(let_go: Optional[Command]) -> None:
+    bench = Bench().drive()
+    bench.motors.broken = ("release",) if let_go else ("release", "set_wheels")
+    if let_go:
+        bench.runtime.ask(let_go)
+    bench.turn(3)
+    assert bench.state is State.FAULT
+    assert bench.motors.log.count("release") >= 4
+    bench.motors.broken = ()
+    bench.turn()
+    assert not bench.motors.energised
+
+
+def test_a_failing_stop_is_tried_again_also_where_the_gates_cannot_be_looked_at(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench = Bench().drive()
+    bench.motors.broken = ("set_wheels", "stop", "release")
+    bench.turn()
+    monkeypatch.setattr(bench.safety, "check", raises(ValueError("a bug")))
+    bench.motors.broken = ()
+    bench.turn()
+    assert (bench.motors.turning, bench.motors.energised) == (False, False)
+
+
+def test_who_keeps_its_lane_stops_as_well_when_nobody_is_heard() -> None:
+    bench = Bench(lane_contract())
+    guidance(path=None)(bench)
+    bench.drive()
+    silence(bench)
+    bench.turn()
+    assert (bench.state, bench.safety.verdict.reason) == (State.HOLD, Reason.LINK_LOST)
 
 
 def test_a_stop_that_fails_in_hold_becomes_a_fault_and_lets_the_coils_go() -> None:

@@ -83,6 +83,24 @@ def test_the_watch_waits_while_the_loop_or_a_person_tells_the_motors(
     assert not watches[0].is_alive()
 
 
+def test_the_watch_waits_while_a_fault_stops_the_motors(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench().drive()
+    stop, waits = bench.motors.stop, []
+
+    def slow() -> None:
+        watch = threading.Thread(target=bench.runtime.watch, daemon=True)
+        watch.start()
+        watch.join(0.1)
+        waits.append(watch.is_alive())
+        stop()
+
+    monkeypatch.setattr(bench.motors, "stop", slow)
+    bench.camera.broken = raises(OSError())
+    bench.turn()
+    assert bench.state is State.FAULT
+    assert waits == [True]
+
+
 def test_an_operator_who_goes_while_being_served_is_missed_in_the_same_turn() -> None:
     bench = Bench().drive()
     bench.operator.serve = lambda ask: setattr(bench.operator, "silent_s", math.inf)  # type: ignore[method-assign]
@@ -119,6 +137,17 @@ def test_the_rules_are_told_of_the_faster_wheel_also_backwards() -> None:
     assert listener.roads[-1].told_mps == pytest.approx(0.2)
 
 
+def test_the_rules_are_told_when_and_how_far_it_has_driven_and_what_is_ahead() -> None:
+    listener, ahead = Listener(), RoadAhead(line_m=0.7)
+    bench = Bench(rules=(listener,)).drive()
+    guidance(driven_m=12.5, ahead=ahead)(bench)
+    bench.turn()
+    road = listener.roads[-1]
+    assert (road.driven_m, road.ahead) == (12.5, ahead)
+    tick = bench.heard.ticks[-1]
+    assert road.now_s == pytest.approx(tick.time_s + tick.duration_s)
+
+
 def test_the_rules_begin_anew_with_each_drive() -> None:
     bench = Bench(rules=Rules(stop_lines=True).chain()).drive()
     guidance(ahead=RoadAhead(line_m=0.05))(bench)
@@ -138,6 +167,19 @@ def test_only_pictures_that_are_the_same_in_a_row_are_frozen() -> None:
         return frame._replace(image=np.full(FRAME_SHAPE, frame.sequence // 2, np.uint8))
 
     bench.camera.broken = twice_each
+    bench.turn(30)
+    assert bench.state is State.AUTO
+
+
+def test_pictures_that_differ_in_one_place_are_not_frozen() -> None:
+    bench = Bench().drive()
+
+    def spot(frame: Frame) -> Frame:
+        image = np.zeros(FRAME_SHAPE, np.uint8)
+        image[-1, frame.sequence % FRAME_SHAPE[1]] = 255
+        return frame._replace(image=image)
+
+    bench.camera.broken = spot
     bench.turn(30)
     assert bench.state is State.AUTO
 
@@ -173,10 +215,37 @@ def test_a_turn_at_rest_asked_nothing_of_the_wheels() -> None:
     assert [tick.drive for tick in bench.heard.ticks[-2:]] == [None, None]
 
 
+def test_what_the_motors_did_not_take_was_not_driven() -> None:
+    bench = Bench().drive()
+    bench.motors.broken = ("set_wheels",)
+    bench.turn()
+    tick = bench.heard.ticks[-1]
+    assert (tick.drive, tick.wheels) == (None, STILL)
+
+
 def test_a_turn_lasts_from_its_own_beginning() -> None:
     bench = Bench()
+    began_s = bench.clock.now()
     tick = bench.runtime.step(lag_s=0.5)
-    assert (tick.lag_s, tick.duration_s) == (0.5, pytest.approx(0.01))
+    assert (tick.time_s, tick.lag_s) == (began_s, 0.5)
+    assert tick.duration_s == pytest.approx(0.01)
+
+
+def test_the_way_is_that_of_the_turns_own_beginning() -> None:
+    bench, asked = Bench().drive(), []
+    look = bench.navigator.look
+    bench.navigator.look = lambda now_s: asked.append(now_s) or look(now_s)  # type: ignore[method-assign,func-returns-value]
+    bench.turn(2)
+    assert asked == [tick.time_s for tick in bench.heard.ticks[-2:]]
+
+
+def test_a_subscriber_that_fails_keeps_no_other_from_hearing_of_it() -> None:
+    """The monitor is told after the watchdog and the motors have looked."""
+    bench = Bench().drive()
+    bench.heard.broken = OSError("disk full")
+    bench.turn(2)
+    assert bench.also_heard.ticks[-2:] == bench.heard.ticks[-2:]
+    assert bench.also_heard.ticks[-1].verdict.reason is Reason.SUBSCRIBER
 
 
 def test_turns_are_numbered_from_zero_one_by_one() -> None:

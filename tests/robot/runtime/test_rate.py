@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.runtime.timing import RateKeeper
+from robot.errors import HardwareError
+from robot.runtime.timing import RateKeeper, Watchdog
 from tests.robot.clocks import FakeClock
 
 
@@ -47,3 +51,18 @@ def test_a_clock_that_goes_back_does_not_stall_the_loop() -> None:
     rate.wait()
     rate.wait()
     assert clock.now_s < 500.3
+    clock.now_s -= 1.0
+    rate.wait()
+    assert clock.now_s < 499.4
+
+
+@pytest.mark.parametrize(("period_s", "good"), [(0.1, 6), (0.01, 51), (1.0, 5)])
+def test_a_watchdog_that_never_looks_is_missed_after_five_turns_and_half_a_second(
+    period_s: float, good: int
+) -> None:
+    watchdog = Watchdog(lambda: None)
+    ticks = [SimpleNamespace(time_s=period_s * i) for i in range(good + 1)]
+    for tick in ticks[:good]:
+        watchdog.on_tick(tick)  # type: ignore[arg-type]
+    with pytest.raises(HardwareError, match=r"expected a look every 0\.05 s"):
+        watchdog.on_tick(ticks[good])  # type: ignore[arg-type]

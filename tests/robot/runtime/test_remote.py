@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any, Callable, List, Optional, Tuple
 
 import numpy as np
@@ -77,6 +78,14 @@ def test_who_keeps_its_lane_is_let_go_and_who_navigates_wants_a_mission() -> Non
     assert len(asked.requests) == 1
     assert server.refusals[0] == ""
     assert "expected a mission" in server.refusals[1]
+
+
+@pytest.mark.parametrize("searches", [True, False])
+def test_who_looks_for_its_place_is_let_go_without_a_mission(searches: bool) -> None:
+    server, asked, navigator = FakeServer(), Asked(), SimpleNamespace(searches=searches)
+    server.waiting = [command("auto")]
+    RemoteOperator(server, navigator).serve(asked)  # type: ignore[arg-type]
+    assert asked.requests == ([(Request.AUTO, None)] if searches else [])
 
 
 def test_a_manual_command_turns_its_wheels() -> None:
@@ -248,6 +257,7 @@ def test_each_picture_is_shown_once_and_the_rate_is_told() -> None:
         subscriber.on_tick(bench.runtime.step())
         bench.clock.now_s += 0.09
     assert len(wire.pictures) == 3
+    assert [each.t_capture_s for each in wire.pictures] == pytest.approx([999.98, 1000.08, 1000.18])
     assert wire.reports[-1].fps == pytest.approx(10.0, rel=0.05)
     bench.camera.broken = lambda new: frame and frame._replace(time_s=new.time_s)
     for _ in range(3):

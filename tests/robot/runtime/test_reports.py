@@ -45,6 +45,8 @@ def test_a_person_who_drives_otherwise_than_any_action_is_told_as_none() -> None
     report = driven(bench, 2)[-1]
     assert report.wheels == pytest.approx((0.1, -0.05))
     assert report.action is None
+    bench.runtime.ask(Command.MANUAL, WheelSpeeds(0.3024, 0.1))
+    assert driven(bench)[0].action is None, "one wheel alone is as of an action"
     bench.runtime.ask(Command.MANUAL, WheelSpeeds(0.3024, 0.0576))
     assert driven(bench)[0].action == 4
     bench.runtime.ask(Command.STOP)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Tuple
 
 import pytest
@@ -85,6 +86,8 @@ def test_a_rule_that_fails_stops_the_robot() -> None:
     bench.turn()
     for command in (Command.ARM, Command.AUTO):
         bench.runtime.ask(command)
-    bench.turn(2)
+    bench.turn()
+    assert bench.heard.ticks[-1].inputs.frame_age_s == math.inf, "it looked at no gate"
+    bench.turn()
     assert bench.safety.verdict.state is State.FAULT
     assert not bench.motors.turning

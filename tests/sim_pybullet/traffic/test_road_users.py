@@ -275,6 +275,32 @@ def test_everybody_begins_apart_from_everybody(name: str, map_name: str) -> None
         assert (ducks[:, 3] > 0).sum() == how.walking
 
 
+def test_a_scenario_file_of_the_ai_driving_olympics_is_read_as_it_is(tmp_path: Path) -> None:
+    file = tmp_path / "lfp.yaml"
+    file.write_text("""
+map_name: LF-norm-loop
+robots_npcs: [npc0]
+robots_pcs: [ego0]
+robots_parked: [parked0]
+theta_tol_deg: 20
+dist_tol_m: 0.05
+min_dist: 0.3
+delta_y_m: 0.02
+only_straight: false
+nduckies: 4
+duckie_min_dist_from_other_duckie: 0.2
+duckie_min_dist_from_robot: 0.5
+duckie_y_bounds: [-0.1, -0.05]
+tree_density: 0.5
+tree_min_dist: 0.2
+pc_robot_protocol: {_type: protocol}
+npc_robot_protocol: {_type: protocol}
+""")
+    assert load_scenario(file) == Scenario(
+        ("ego0",), ("npc0",), ("parked0",), 0.3, 20.0, 0.02, False, 4, 0.2, 0.5, (-0.1, -0.05)
+    )
+
+
 def test_scenarios_say_what_is_wrong_with_them(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="did you mean 'lf'"):
         load_scenario("lpf")

@@ -146,6 +146,22 @@ def test_pictures_of_folders_are_named_by_where_they_lie(tmp_path: Path) -> None
         list(pictures(tmp_path / "none"))
 
 
+def test_no_two_pictures_of_a_folder_have_one_name(tmp_path: Path) -> None:
+    """What is drawn of them would lie in one file."""
+    (tmp_path / "b").mkdir()
+    for name in ("x.jpg", "x.png", "x_png.jpg", "b_c.png", "b/c.png"):
+        cv2.imwrite(str(tmp_path / name), np.full((240, 320, 3), 90, np.uint8))
+    names = [name for name, _ in pictures(tmp_path)]
+    assert sorted(set(names)) == sorted(names)
+    assert {"x", "x_png", "b_c"} < set(names)
+
+
+def test_a_file_of_another_kind_is_told_which_ones_are_read(tmp_path: Path) -> None:
+    (tmp_path / "drive.webm").write_bytes(b"nothing")
+    with pytest.raises(ConfigError, match=r"\.png, \.jpg, .*\.tiff, got a file"):
+        list(pictures(tmp_path / "drive.webm"))
+
+
 def test_a_video_without_pictures_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_bytes(b"nothing")
     with pytest.raises(ConfigError):

@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -272,3 +273,21 @@ def test_a_lane_beside_or_behind_the_picture_is_no_trouble(
     said = np.ones(1), np.ones(1), np.full((1, len(KINDS)), 0.2), np.ones(1)
     seen = Seen(figures, 0.1 * np.ones((1, 5)), *said)
     assert drawn(np.full((120, 160, 3), 90, np.uint8), seen, NOMINAL.rig()).shape == (360, 480, 3)
+
+
+@pytest.mark.parametrize("at", range(len(KINDS)))
+def test_all_words_about_a_picture_lie_within_it(at: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[tuple[str, int]] = []
+
+    def put(_: np.ndarray, text: str, corner: tuple[int, int], font: int, *how: Any) -> None:
+        (width_px, _), _ = cv2.getTextSize(text, font, how[0], how[2])
+        written.append((text, corner[0] + width_px))
+
+    monkeypatch.setattr(cv2, "putText", put)
+    figures = np.array([[-0.188, -1.745, -8.8, 0.388, 0.388]])
+    likely = np.eye(len(KINDS))[[at]]
+    said = np.ones(1), np.ones(1), likely, np.ones(1)
+    seen = Seen(figures, np.array([[0.188, 1.745, 8.8, 0.288, 0.288]]), *said)
+    drawn(np.full((120, 160, 3), 90, np.uint8), seen, NOMINAL.rig())
+    assert "way 39 +-29 cm" in " ".join(text for text, _ in written)
+    assert max(end_px for _, end_px in written) < 480

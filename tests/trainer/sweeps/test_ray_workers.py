@@ -19,6 +19,7 @@ from tests import thorough
 from tests.trainer.chores import Chore, ToyTraining
 from tests.trainer.toy import BrightColumn, ToyVecEnv, make_toy, toy_config
 from trainer import processes
+from trainer.cli import main
 from trainer.config import RunConfig
 from trainer.processes import RayProcesses
 from trainer.run import RunFolder
@@ -33,7 +34,7 @@ def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setenv("RAY_worker_niceness", "0")  # else a busy machine leaves them no time
     from ray.cluster_utils import Cluster
 
-    node: dict[str, object] = {"num_cpus": 2, "include_dashboard": False}
+    node: dict[str, object] = {"num_cpus": 2, "num_gpus": 1, "include_dashboard": False}
     if not os.access("/dev/shm", os.W_OK):  # where Ray keeps its objects
         node["plasma_directory"] = str(tmp_path)
     cluster = Cluster(initialize_head=True, head_node_args=node)
@@ -80,6 +81,29 @@ def test_a_killed_worker_loses_nothing(
     cut_off = 2 * toy_config("ppo", 1).learn.robots  # by the kill, and by the end
     assert len(steps) >= 8_000 // 16 - cut_off  # of 16 decisions at most: none is missing
     assert 0 < reached < 8_000
+
+
+def test_a_process_has_the_gpu_that_it_is_to_have(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "ANSWER_S", 60.0)
+    try:
+        workers = RayProcesses(address, gpus=1.0)
+        count = workers.start(lambda: len(ray.get_gpu_ids()))
+        ray.wait([count], timeout=120.0)
+        assert workers.ended(count) == (1, "")
+        with pytest.raises(ConfigError, match="gpus: expected at most the cluster's 1, got 2"):
+            RayProcesses(address, gpus=2.0)
+    finally:
+        ray.shutdown()
+
+
+def test_gpus_are_asked_of_a_cluster_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["train", "--gpus", "1", "--out", str(tmp_path / "run")]) == 2
+    assert "gpus: expected --ray as well, got 1" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_no_cluster_is_wrong_input() -> None:
