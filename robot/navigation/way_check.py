@@ -37,13 +37,13 @@ CONTRADICTION = 28.0  # squared distance in standard deviations, of three number
 
 # The fine measure, against errors as they were.
 FINE_MEMORY_S = 2.4
-FINE_CONTRADICTION = 18.0
+FINE_CONTRADICTION = 16.0
 FINE_USEFUL_M = 0.0035  # poses that err by more, from one to the next, hide a drift
-FINE_CAUTION = 1.5  # times the variance that was seen
+FINE_CAUTION = 1.2  # times the variance that was seen
 FINE_WHITE_M = 0.0015  # no poses are held to be better, from one to the next
 FINE_M, FINE_RAD = 0.005, math.radians(0.7)  # nor over any way, nor their usual headings
 FINE_STRETCH = 0.012  # of the localizer's picture here and there
-FINE_SCALE = 0.034  # of wheels not yet known: with the picture's, 15 % just pass
+FINE_SCALE = 0.034  # of wheels not yet known: with the picture's, 14 % just pass
 FINE_ASKEW_RAD = 0.02  # of a board not yet known: 5 degrees just pass
 FINE_TIMING_S = 0.06  # by which wheels answer, and pictures are dated, late
 FINE_ASIDE_M = 0.005  # by which the board is not above the axle's middle: a centimetre passes
@@ -232,7 +232,7 @@ def _steady(rows: np.ndarray) -> bool:
     if len(rows) < IN_A_ROW:
         return False
     speeds = np.abs(_velocities(rows[[0, len(rows) // 2, -1]])[1:])
-    return bool(abs(speeds[0] - speeds[1]) < 0.25 * speeds.max())
+    return bool(abs(speeds[0] - speeds[1]) < 0.1 * speeds.max())
 
 
 def _coarse(now: np.ndarray, then: np.ndarray) -> np.ndarray:

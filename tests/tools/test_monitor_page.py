@@ -18,6 +18,7 @@ from robot.navigation.road_map import RoadMap, load_map
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
 from tests.tools.demo_robot import on_straight_lane
+from tools.monitor.app import UNSEEN
 
 CHROMIUM = find_chromium()
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
@@ -477,8 +478,12 @@ def test_a_page_in_the_background_watches_no_robot(browser: Browser, programs: P
     browser.click_on("#go")
     browser.until(f"{STATE} === 'AUTO'")
     hidden = "Object.defineProperty(document, 'hidden', {value: %s, configurable: true});"
-    browser.evaluate(hidden % "true" + "null")
+    count = "seen = 0; send = WebSocket.prototype.send;"
+    count += "WebSocket.prototype.send = function(d) { seen += d === 'seen'; send.call(this, d); };"
+    browser.evaluate(hidden % "true" + count + "null")
     time.sleep(4.0)
-    browser.evaluate(hidden % "false" + "document.dispatchEvent(new Event('visibilitychange'))")
+    assert browser.evaluate("seen") == 0
+    show = hidden % "false" + "document.dispatchEvent(new Event('visibilitychange'))"
+    assert browser.evaluate(f"{show}, seen") == UNSEEN, "it catches up with all that came"
     browser.until(f"{STATE} === 'HOLD'")
     assert browser.problems == []

@@ -116,6 +116,14 @@ def test_poses_that_drift_by_3_cm_in_a_second(
     assert not doubt.stands
 
 
+@pytest.mark.parametrize("lie", DRIFTS.values(), ids=list(DRIFTS))
+def test_poses_that_drift_are_noticed_whatever_their_noise_and_the_motors_lag(lie: Lie) -> None:
+    for seed in range(12):
+        since_s, _ = drive(lie, white_m=0.0015, bend=0.0, seed=seed, late_s=0.05)
+        assert since_s is not None
+        assert since_s <= 2.6, "a quarter of a second after they are 7 cm off"
+
+
 @pytest.mark.parametrize("turn", [-1.0, 1.0])
 def test_headings_that_turn_by_3_degrees_in_a_second(turn: float) -> None:
     since_s, _ = drive(drifting(turn_radps=turn * math.radians(3.0)), seconds=8.0)

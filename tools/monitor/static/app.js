@@ -19,6 +19,7 @@ let state = null;
 let heardAt = performance.now();
 let triedAt = heardAt;
 let logged = 0;
+let unseen = 0; // states that came while nobody looked
 let drives = -1;
 let asking = false; // about a mission: the answer is shown on the map
 
@@ -38,17 +39,20 @@ const replay = new Replay({
 
 // What nobody sees keeps no robot driving: neither a page in the background, nor one that failed.
 function tellSeen() {
-  if (!document.hidden && socket?.readyState === WebSocket.OPEN) socket.send("seen");
+  if (document.hidden || socket?.readyState !== WebSocket.OPEN) return;
+  for (; unseen > 0; unseen--) socket.send("seen");
 }
 
 function connect() {
   triedAt = performance.now();
+  unseen = 0;
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
   socket.binaryType = "blob";
   socket.onmessage = ({ data }) => {
     heardAt = performance.now();
     if (data instanceof Blob) { if (!replay.on) picture.take(data); return; }
     take(JSON.parse(data));
+    unseen++;
     tellSeen();
   };
   socket.onclose = () => setTimeout(connect, RECONNECT_MS);
