@@ -118,16 +118,12 @@ def _check_points(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens) -> None:
     size = (lens.width_px, lens.height_px)
     for i, (u, v) in enumerate(pixels):
         if not (-0.5 <= u <= size[0] - 0.5 and -0.5 <= v <= size[1] - 0.5):
-            raise ConfigError(
-                f"calibration: point {i + 1} at ({u:g}, {v:g}) px lies outside the "
-                f"{size[0]}x{size[1]} picture; expected a point that the camera sees"
-            )
+            told = f"outside the {size[0]}x{size[1]} picture; expected a point that the camera sees"
+            raise ConfigError(f"calibration: point {i + 1} at ({u:g}, {v:g}) px lies {told}")
     for what, values in (("pixels", pixels), ("floor points", floor_m)):
         if _almost_collinear(values):
-            raise ConfigError(
-                f"calibration: all but one of the {what} lie almost on one line; "
-                "expected four corners of an area, spread over the arena"
-            )
+            told = f"calibration: all but one of the {what} lie almost on one line; "
+            raise ConfigError(f"{told}expected four corners of an area, spread over the arena")
 
 
 def _almost_collinear(points: np.ndarray) -> bool:

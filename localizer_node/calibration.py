@@ -56,8 +56,9 @@ class Board:
     tag_m: float = 0.09  # side of the tag's black square (tag)
 
     def __post_init__(self) -> None:
-        if not (min(self.length_m, self.width_m) > 0 and self.height_m >= 0):
-            told = "expected positive length_m and width_m, height_m >= 0"
+        figures = vars(self).values()
+        if not (min(self.length_m, self.width_m) > 0 <= self.height_m and max(figures) <= 5):
+            told = "expected positive length_m and width_m, height_m >= 0, all at most 5 m"
             raise ConfigError(f"board: {told}, got {self}")
 
 
@@ -111,6 +112,7 @@ class Calibration:
 
     def __post_init__(self) -> None:
         expect_between("number of robots", len(self.robots), 0, MAX_ROBOTS)
+        expect_between("hanging.position_m: height", self.hanging.position_m[2], 0.1, 20.0)
         if len(self.roi_px) in (1, 2):
             raise ConfigError(f"roi_px: expected none or at least 3 corners, got {self.roi_px}")
         for name in (self.board_colour, *(r.front for r in self.robots if r.kind == "two_colour")):

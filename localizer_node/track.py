@@ -54,10 +54,8 @@ class Tracker:
     def update(self, detections: Sequence[Detection], t_s: float) -> Tuple[Sighting, ...]:
         """The robots seen in the picture of ``t_s``; ContractError: not later than the last."""
         if t_s <= self._t_s:
-            raise ContractError(
-                f"tracker: expected pictures in the order they were taken, got one of {t_s:.4f} s "
-                f"after one of {self._t_s:.4f} s; use one monotonic clock"
-            )
+            told = f"got one of {t_s:.4f} s after one of {self._t_s:.4f} s; use one monotonic clock"
+            raise ContractError(f"tracker: expected pictures in the order they were taken, {told}")
         self._t_s = t_s
         tracks = self._tracks.items()
         self._tracks = {name: each for name, each in tracks if t_s - each.seen_s <= FORGET_S}

@@ -31,6 +31,8 @@ class CameraConfig:
     def __post_init__(self) -> None:
         if (self.kind == "socket") != bool(self.path):
             raise ConfigError("camera.path: expected a path with kind socket, and only with it")
+        wide_px = self.lens.width_px
+        expect_between("camera.lens.fx_px", self.lens.fx_px, 0.1 * wide_px, 100.0 * wide_px)
         expect_between("camera.fps", self.fps, round(1.0 / CONTROL_DT_S), 120)
         if self.kind == "csi" and self.fps > CSI_FPS:
             raise ConfigError(
@@ -77,15 +79,14 @@ class RobotConfig:
             told = f"1 to 32 letters, digits or ._-, got {self.name[:80]!r}"
             raise ConfigError(f"name: expected {told}")
         if self.safety.max_wheel_mps > self.hat.max_speed_mps:
-            raise ConfigError(
-                f"hat.max_speed_mps: expected at least safety.max_wheel_mps "
-                f"{self.safety.max_wheel_mps:g}, got {self.hat.max_speed_mps:g}; lower the other"
-            )
+            told = f"{self.safety.max_wheel_mps:g}, got {self.hat.max_speed_mps:g}; lower the other"
+            raise ConfigError(f"hat.max_speed_mps: expected at least safety.max_wheel_mps {told}")
         # A monitor that is silent for 2 s is forgotten: then others' word counts.
-        expect_between("safety.link_age_s", self.safety.link_age_s, 0.0, 1.5)
-        if self.hat.command_timeout_s < 2.0 * CONTROL_DT_S:
-            told = f"two decisions, {2 * CONTROL_DT_S:g} s, got {self.hat.command_timeout_s:g}"
-            raise ConfigError(f"hat.command_timeout_s: expected at least {told}")
+        most = {"link_age_s": 1.5, "frozen_frames": 100, "pose_within_m": 0.5}
+        for name, value in vars(self.safety).items():
+            expect_between(f"safety.{name}", value, 0.0, most.get(name, 3.0))
+        two_s = 2.0 * CONTROL_DT_S  # decisions
+        expect_between("hat.command_timeout_s", self.hat.command_timeout_s, two_s, 2.0)
         if self.map and self.link is None:
             raise ConfigError("map: expected a link as well, to hear poses and destinations by")
         if self.rules.stop_lines and not self.map:

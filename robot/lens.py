@@ -154,7 +154,9 @@ class Mount:
     roll_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        expect_between("camera height_m", self.height_m, 0.01, 1.0)
+        for name, value in vars(self).items():
+            most = {"m": 1.0, "rad": 3.2}.get(name.split("_")[-1], math.inf)  # also of looks
+            expect_between(f"camera {name}", value, 0.01 if name == "height_m" else -most, most)
 
     @property
     def position_m(self) -> np.ndarray:

@@ -88,7 +88,7 @@ def read_yaml(path: Union[str, Path]) -> Any:
     try:
         if Path(path).stat().st_size > MOST_YAML_BYTES:
             raise ConfigError(f"{path}: expected a YAML file of at most {MOST_YAML_BYTES} bytes")
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+        return yaml.load(Path(path).read_text(encoding="utf-8"), _yaml_loader()) or {}
     except ConfigError:
         raise
     except OSError as error:
@@ -98,6 +98,24 @@ def read_yaml(path: Union[str, Path]) -> Any:
     except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
         told = " ".join(str(error).split())
         raise ConfigError(f"{path}: expected YAML in UTF-8, got: {told}") from error
+
+
+@functools.lru_cache(maxsize=None)
+def _yaml_loader() -> Any:
+    """PyYAML's safe loader; it would take the last of a key given twice without a word."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        def compose_mapping_node(self, anchor: Any) -> Any:
+            node, keys = super().compose_mapping_node(anchor), set()
+            for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+                if (key.tag, key.value) in keys:
+                    told = f"{shown(key.value)} twice in a mapping (keep one)"
+                    raise yaml.MarkedYAMLError(problem=told, problem_mark=key.start_mark)
+                keys.add((key.tag, key.value))
+            return node
+
+    return Loader
 
 
 def read_json(path: Path) -> Dict[str, Any]:
@@ -144,12 +162,11 @@ def _convert_union(members: Tuple[Any, ...], value: Any, label: str) -> Any:
     if value is None and type(None) in members:
         return None
     problems = []
-    for member in members:
-        if member is not type(None):
-            try:
-                return _convert(member, value, label)
-            except ConfigError as error:
-                problems.append(str(error))
+    for member in (member for member in members if member is not type(None)):
+        try:
+            return _convert(member, value, label)
+        except ConfigError as error:
+            problems.append(str(error))
     raise ConfigError("; or ".join(problems))
 
 

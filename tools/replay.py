@@ -27,10 +27,8 @@ def replay_command(recording: Positional[Path], model: Path | None = None) -> in
     """
     found = replay(recording, OnnxPolicy(model) if model else None)
     if not found.decisions:
-        raise ContractError(
-            f"{recording}: expected the robot's own recording of a drive by its policy, "
-            f"found no decision in its {found.turns} turns"
-        )
+        told = f"{recording}: expected the robot's own recording of a drive by its policy, "
+        raise ContractError(f"{told}found no decision in its {found.turns} turns")
     for difference in found.differences[:SHOWN]:
         print(f"turn {difference.number} at {difference.time_s:.2f} s: {difference.sentence}")
     if len(found.differences) > SHOWN:

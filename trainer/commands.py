@@ -89,10 +89,8 @@ def export_command(
         console.print(f"{path}: differs from torch by at most {difference:.1e}")
         return 0
     if contract is not None or out is not None:
-        raise ConfigError(
-            f"{source}: expected a file or MODULE:ATTRIBUTE, got neither; --contract and --out are "
-            "for policies from elsewhere only"
-        )
+        told = "--contract and --out are for policies from elsewhere only"
+        raise ConfigError(f"{source}: expected a file or MODULE:ATTRIBUTE, got neither; {told}")
     from trainer.envs import make_env
     from trainer.export import export_run
     from trainer.run import RunFolder

@@ -54,10 +54,8 @@ def export_outside(source: str, contract: Path | None, out: Path | None) -> tupl
     if zipfile.is_zipfile(path) and "policy.pth" in zipfile.ZipFile(path).namelist():
         network, agreed = _from_stable_baselines3(path, agreed)
     elif agreed is None:
-        raise ContractError(
-            f"{source}: expected a stable-baselines3 zip, or --contract FILE.yaml that says what "
-            f"the network sees and does, such as: {EXAMPLE}"
-        )
+        told = f"FILE.yaml that says what the network sees and does, such as: {EXAMPLE}"
+        raise ContractError(f"{source}: expected a stable-baselines3 zip, or --contract {told}")
     else:
         network = _from_torch(source)
     network.eval()
@@ -123,16 +121,12 @@ def _contract_of(path: Path, seen: spaces.Space, done: spaces.Space) -> PolicyCo
     height, width, channels = (*rest, first) if first < min(rest) else image.shape
     whole = width * 3 // 4
     if width % 4 or height > whole or channels % 3:
-        raise ContractError(
-            f"{path}: expected pictures (H, W, 3) of a 4:3 frame less its top rows, got "
-            f"{image.shape}; tell with --contract how they are made"
-        )
+        told = f"{path}: expected pictures (H, W, 3) of a 4:3 frame less its top rows, got "
+        raise ContractError(f"{told}{image.shape}; tell with --contract how they are made")
     choices = int(done.n) if isinstance(done, spaces.Discrete) else 0
     if choices and choices != len(FIVE_ACTIONS):
-        raise ContractError(
-            f"{path}: expected {len(FIVE_ACTIONS)} actions, got {choices}; tell with --contract "
-            "which wheel speeds they are"
-        )
+        told = f"{path}: expected {len(FIVE_ACTIONS)} actions, got {choices}; tell with --contract "
+        raise ContractError(f"{told}which wheel speeds they are")
     return PolicyContract(
         task="lane" if guide is None else "navigation",
         algorithm="stable-baselines3",
@@ -155,10 +149,8 @@ class _ChoosingNetwork(nn.Module):
         self.table: torch.Tensor | None = None
         if isinstance(done, spaces.Box):
             if done.shape != (2,) or not (done.low == -1.0).all() or not (done.high == 1.0).all():
-                raise ContractError(
-                    "actions: expected Discrete, or Box(-1, 1, (2,)), the left and right wheel "
-                    f"speed as shares of {MAX_WHEEL_MPS:.3f} m/s, got {done}"
-                )
+                told = "actions: expected Discrete, or Box(-1, 1, (2,)), the left and right wheel "
+                raise ContractError(f"{told}speed as shares of {MAX_WHEEL_MPS:.3f} m/s, got {done}")
             self.table = torch.tensor(contract.actions, dtype=torch.float32)
 
     def forward(self, image: torch.Tensor, path: torch.Tensor | None = None) -> torch.Tensor:

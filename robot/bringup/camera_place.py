@@ -45,10 +45,8 @@ def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Fre
     """
     unknowns = freedom.unknowns
     if 2 * len(pixels) < unknowns:
-        raise ConfigError(
-            f"camera: {len(pixels)} points give {2 * len(pixels)} equations for {unknowns} "
-            "unknowns; add points, or give the lens or the camera's height"
-        )
+        told = f"camera: {len(pixels)} points give {2 * len(pixels)} equations for {unknowns} "
+        raise ConfigError(f"{told}unknowns; add points, or give the lens or the camera's height")
     start_lens, rotation, position = _start(pixels, floor_m, lens, freedom)
     world = np.column_stack((floor_m, np.zeros(len(floor_m))))
 

@@ -9,6 +9,7 @@ from robot.errors import ConfigError
 from robot.output import write_bytes
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".tif", ".tiff")
+OTHERS = (".heic", ".heif", ".avif", ".gif")  # that some OpenCV reads; else they are told of
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
 
 
@@ -25,10 +26,8 @@ def play(path: Union[str, Path]) -> Iterator[np.ndarray]:
             raise ConfigError(f"{path}: expected a video, got a file that OpenCV cannot play")
         frames = iter(capture.read, (False, None))  # good or not, and the picture
         return (np.ascontiguousarray(picture[..., ::-1]) for _, picture in frames)
-    raise ConfigError(
-        f"{path}: expected a folder of pictures or a video ({', '.join(VIDEOS)}), got "
-        f"{'another file' if path.exists() else 'no such path'}"
-    )
+    told = f"{path}: expected a folder of pictures or a video ({', '.join(VIDEOS)}), got "
+    raise ConfigError(f"{told}{'another file' if path.exists() else 'no such path'}")
 
 
 def picture_files(folder: Path) -> List[Path]:
@@ -37,8 +36,9 @@ def picture_files(folder: Path) -> List[Path]:
     if not folder.is_dir():
         got = "a file; give the folder that it lies in" if folder.exists() else "no such folder"
         raise ConfigError(f"{folder}: expected a folder of {wanted}, got {got}")
-    found = (path for path in folder.rglob("*") if path.suffix.lower() in PICTURES)
-    if not (files := sorted(path for path in found if path.is_file())):
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in PICTURES + OTHERS)
+    files = sorted(path for path in found if path.is_file())
+    if not any(path.suffix.lower() in PICTURES for path in files):
         raise ConfigError(f"{folder}: expected {wanted}, got none")
     return files
 

@@ -153,10 +153,8 @@ class V4l2Stream:
         self._odd = cv2.error
         self._capture: Any = cv2.VideoCapture(device, cv2.CAP_V4L2)
         if not self._capture.isOpened():
-            raise HardwareError(
-                f"{self._name}: expected a camera that opens; check its plug, that no other "
-                "program uses it, and that this user is in the group video"
-            )
+            told = f"{self._name}: expected a camera that opens; check its plug, that no other "
+            raise HardwareError(f"{told}program uses it, and that this user is in the group video")
         self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, size_px[0])
         self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size_px[1])
         self._capture.set(cv2.CAP_PROP_FPS, fps)
@@ -273,10 +271,8 @@ class GstStream:
                     start_new_session=True,  # an interrupt from the keyboard is the robot's
                 )
             except OSError as error:
-                raise HardwareError(
-                    f"{self._program}: expected a program that starts, got: {error.strerror}; "
-                    "install gstreamer1.0-tools"
-                ) from error
+                told = f"{self._program}: expected a program that starts, got: {error.strerror}; "
+                raise HardwareError(f"{told}install gstreamer1.0-tools") from error
             finally:
                 os.close(video)  # the child's alone: its end must be seen
             self._given_up = stack.pop_all()

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
     summary = ", ".join(f"{name} {count}" for name, count in zip(names, counts))
     print(f"{len(images)} pictures: {summary}")
     if skipped:
-        print(f"skipped {len(skipped)} that are no pictures, such as {skipped[0]}")
+        print(f"skipped {len(skipped)} that OpenCV cannot read, such as {skipped[0]}")
 
 
 def label(policy: OnnxPolicy, folder: Path) -> Tuple[List[Dict[str, Any]], List[str]]:

@@ -14,10 +14,8 @@ def connect_local(path: str, what: str, silence_s: float) -> socket.socket:
         connection.connect(path)
     except OSError as error:
         connection.close()
-        raise HardwareError(
-            f"{path}: expected {what}, got: {error.strerror or error}; "
-            "start the virtual hardware first (duckpilot loop)"
-        ) from error
+        told = f"{path}: expected {what}, got: {error.strerror or error}; "
+        raise HardwareError(f"{told}start the virtual hardware first (duckpilot loop)") from error
     return connection
 
 

@@ -48,6 +48,10 @@ BUS_SHARE_MAX = 0.8  # of the bus's time that stepping may take
 # BIN1, BIN2, PWMB.
 PORTS: Dict[str, Tuple[int, ...]] = {"M1M2": (8, 9, 10, 11, 12, 13), "M3M4": (2, 3, 4, 5, 6, 7)}
 
+# What ends with a unit lies within; else it was given in another: cm, ms, kHz, degrees.
+RANGES = {"hz": (1e4, 1e6), "m": (5e-3, 1.0), "mps": (1e-3, 10.0), "mps2": (1e-6, 100.0)}
+RANGES.update(rev=(12.0, 2e4), s=(1e-6, 3600.0))
+
 
 @dataclass(frozen=True)
 class MotorConfig:
@@ -93,12 +97,12 @@ class HatConfig:
 
     def __post_init__(self) -> None:
         _expect(self.bus >= 0, "bus", "the number of /dev/i2c-<bus>", self)
-        _expect(0 < self.bus_hz <= 1_000_000, "bus_hz", "at most 1000000 (Fast-mode Plus)", self)
         self._check_addresses()
         for part in (self, self.drive):
             for name, value in vars(part).items():
-                if name.endswith(("_rev", "_s", "_m", "_mps", "_mps2")):  # times, lengths, speeds
-                    _expect(0.0 < value < math.inf, name, "a positive number", part)
+                if limits := RANGES.get(name.split("_")[-1]):
+                    told = f"{limits[0]!r} to {limits[1]!r} in the unit that the name ends with"
+                    _expect(limits[0] <= value <= limits[1], name, told, part)
         if self.microsteps not in MICROSTEPS:
             raise ConfigError(f"microsteps: expected one of {MICROSTEPS}, got {self.microsteps}")
         _expect(0.0 < self.run_duty <= 1.0, "run_duty", "0 < run_duty <= 1", self)

@@ -77,10 +77,8 @@ class OnnxPolicy(Network[PolicyContract]):
             told = f"expected values {expected}, got {values.shape}"
             raise ContractError(f"{self.path}: {told}; export it again")
         if not np.isfinite(values).all():
-            raise ContractError(
-                f"{self.path}: expected finite values, got {values.tolist()}; "
-                "the network is broken: take an earlier checkpoint"
-            )
+            told = f"{self.path}: expected finite values, got {values.tolist()}; "
+            raise ContractError(f"{told}the network is broken: take an earlier checkpoint")
         return values
 
     def _checked_path(self, count: int, path: Optional[np.ndarray]) -> Dict[str, np.ndarray]:
@@ -93,10 +91,8 @@ class OnnxPolicy(Network[PolicyContract]):
                 return {"path": path}
         expected = f"({count}, {points}) float32 in [-1, 1], of path_input" if points else "no path"
         got = "none" if path is None else f"{np.shape(path)} {np.asarray(path).tolist()}"
-        raise ContractError(
-            f"path: expected {expected}, got {got}; "
-            f"{self.path.name} is a {self.contract.task} policy"
-        )
+        told = f"{self.path.name} is a {self.contract.task} policy"
+        raise ContractError(f"path: expected {expected}, got {got}; {told}")
 
 
 def read_contract(path: Union[str, Path]) -> PolicyContract:
@@ -116,10 +112,8 @@ def _check_actions(
         same = slow and 2 <= len(actions) <= MOST_ACTIONS
         expected = f"2 to {MOST_ACTIONS} actions, wheel speeds up to {MAX_WHEEL_MPS:.3f} m/s"
     if not same:
-        raise ContractError(
-            f"{path}: expected {expected}, got {table.tolist()}; "
-            "this policy was trained for another robot: train it again"
-        )
+        told = "this policy was trained for another robot: train it again"
+        raise ContractError(f"{path}: expected {expected}, got {table.tolist()}; {told}")
 
 
 def values_of(
@@ -218,10 +212,8 @@ def open_translator(
             f"{translator.contract.image}; train one with the policy's preset"
         )
     if direction is not None and translator.contract.direction not in (direction, PARSING):
-        raise ContractError(
-            f"{path}: expected a translator {direction}, got {translator.contract.direction}; "
-            "export the other direction"
-        )
+        told = f"{path}: expected a translator {direction}, got {translator.contract.direction}; "
+        raise ContractError(f"{told}export the other direction")
     return translator
 
 

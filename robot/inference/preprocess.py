@@ -12,10 +12,8 @@ def check_frame(frame: np.ndarray) -> None:
     """ContractError unless ``frame`` is (120, 160, 3) uint8."""
     shape, dtype = getattr(frame, "shape", None), getattr(frame, "dtype", None)
     if shape != FRAME_SHAPE or dtype != np.uint8:
-        raise ContractError(
-            f"frame: expected {FRAME_SHAPE} uint8 RGB, got {shape} {dtype}; "
-            "resize the camera's picture to the frame size first"
-        )
+        told = "resize the camera's picture to the frame size first"
+        raise ContractError(f"frame: expected {FRAME_SHAPE} uint8 RGB, got {shape} {dtype}; {told}")
 
 
 def preprocess(frame: np.ndarray, spec: ImageSpec) -> np.ndarray:

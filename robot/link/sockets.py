@@ -189,10 +189,8 @@ class Link:
     def _expect_role(self, roles: Sequence[str]) -> None:
         if self.keys.role not in roles:
             expected = " or ".join(roles)
-            raise ConfigError(
-                f"keys: expected those of the {expected}, got those of the {self.keys.role}; name "
-                f"the folder {roles[0]}/ that keygen made"
-            )
+            told = f"{self.keys.role}; name the folder {roles[0]}/ that keygen made"
+            raise ConfigError(f"keys: expected those of the {expected}, got those of the {told}")
 
 
 def raise_limit() -> None:

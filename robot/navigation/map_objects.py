@@ -129,10 +129,8 @@ def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
 def _place(entry: Dict[str, Any], grid: RoadMap, where: str) -> Pose:
     forms = [form for form in _FORMS if form in entry]
     if not forms or (len(forms) > 1 and forms != ["pose", "attach"]):
-        raise MapError(
-            f"{where}: expected one position (pos and rotate, place, pose or attach), "
-            f"got {' and '.join(forms) or 'none'}"
-        )
+        told = f"{where}: expected one position (pos and rotate, place, pose or attach), "
+        raise MapError(f"{told}got {' and '.join(forms) or 'none'}")
     rotate_rad = math.radians(number(entry.get("rotate", 0.0), f"{where}: rotate"))
     tile_m = grid.tile_size_m
     if "pos" in entry:  # tiles east and south of the north-west corner
@@ -167,10 +165,8 @@ def _tile_of(data: Any, grid: RoadMap, where: str) -> Tuple[int, int]:
     column, row_north = numbers(data.get("tile"), 2, f"{where}.tile")
     inside = 0 <= column <= grid.columns and 0 <= row_north <= grid.rows
     if not inside or column != int(column) or row_north != int(row_north):
-        raise MapError(
-            f"{where}.tile: expected whole numbers, column 0 to {grid.columns} and row 0 to "
-            f"{grid.rows} counted from the south-west, got {data['tile']!r}"
-        )
+        told = f"{where}.tile: expected whole numbers, column 0 to {grid.columns} and row 0 to "
+        raise MapError(f"{told}{grid.rows} counted from the south-west, got {data['tile']!r}")
     return int(column), int(row_north)
 
 

@@ -48,10 +48,8 @@ class LaneGraph:
 
     def __init__(self, road_map: RoadMap) -> None:
         if not road_map.lanes:
-            raise MapError(
-                f"{road_map.name}: expected a map with road, got none; "
-                "add tiles such as straight/E and curve_left/N"
-            )
+            told = "add tiles such as straight/E and curve_left/N"
+            raise MapError(f"{road_map.name}: expected a map with road, got none; {told}")
         self.road_map = road_map
         self.lanes, self.closed = road_map.lanes, blocked(road_map).lanes
         numbers: Dict[Tuple[int, int], int] = {}
@@ -180,25 +178,19 @@ def _lanes_under(
     if not road_map.on_road(x_m, y_m):
         lane = graph.lanes[int(near.distance_m.argmin())]
         at = lane.pose_at(near.t[near.distance_m.argmin()])
-        raise PlanError(
-            f"{road_map.name}: expected the {what} on the road, got ({x_m:.2f}, {y_m:.2f}) m; "
-            f"the nearest lane is at ({at[0]:.2f}, {at[1]:.2f}) m"
-        )
+        told = f"{road_map.name}: expected the {what} on the road, got ({x_m:.2f}, {y_m:.2f}) m; "
+        raise PlanError(f"{told}the nearest lane is at ({at[0]:.2f}, {at[1]:.2f}) m")
     angles = np.abs(np.asarray(wrap_angle(heading_rad - near.heading_rad)))
     allowed = np.isnan(angles) | (angles <= math.pi / 2)
     if not allowed.any():
-        raise PlanError(
-            f"{road_map.name}: no lane leads in the direction of the {what} at ({x_m:.2f}, "
-            f"{y_m:.2f}) m; turn the robot along the road"
-        )
+        told = f"{road_map.name}: no lane leads in the direction of the {what} at ({x_m:.2f}, "
+        raise PlanError(f"{told}{y_m:.2f}) m; turn the robot along the road")
     distance_m = np.where(allowed, near.distance_m, math.inf)
     lanes = np.flatnonzero(distance_m <= distance_m.min() + _OVERLAP_M)
     lanes = lanes[~np.isin(lanes, list(graph.closed))]
     if not len(lanes):
-        raise PlanError(
-            f"{road_map.name}: expected the {what} on an open lane, got ({x_m:.2f}, {y_m:.2f}) m, "
-            "where something stands in the lane"
-        )
+        told = f"({x_m:.2f}, {y_m:.2f}) m, where something stands in the lane"
+        raise PlanError(f"{road_map.name}: expected the {what} on an open lane, got {told}")
     angles = np.nan_to_num(angles[lanes])
     as_turned = angles <= angles.min() + _TURNED_RAD
     found = zip(lanes.tolist(), near.t[lanes].tolist(), as_turned.tolist())

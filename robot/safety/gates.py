@@ -72,10 +72,8 @@ class SafetyLimits:
             if not 0 < value < math.inf:
                 raise ConfigError(f"{name}: expected a positive number, got {value}")
         if self.max_wheel_mps > MAX_WHEEL_MPS:
-            raise ConfigError(
-                f"max_wheel_mps: expected at most {MAX_WHEEL_MPS:g} m/s, the fastest wheel of the "
-                f"action table, got {self.max_wheel_mps:g}"
-            )
+            told = f"fastest wheel of the action table, got {self.max_wheel_mps:g}"
+            raise ConfigError(f"max_wheel_mps: expected at most {MAX_WHEEL_MPS:g} m/s, the {told}")
 
 
 @dataclass(frozen=True)

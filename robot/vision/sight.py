@@ -61,10 +61,8 @@ class OnnxSight(Network[SightContract]):
     def __init__(self, path: Union[str, Path]) -> None:
         super().__init__(path, SightContract, REMEDY)
         if self.contract.columns != COLUMNS:
-            raise ContractError(
-                f"{path}: expected the columns {', '.join(COLUMNS)}, got "
-                f"{', '.join(self.contract.columns)}; {REMEDY}"
-            )
+            told = f"{', '.join(self.contract.columns)}; {REMEDY}"
+            raise ContractError(f"{path}: expected the columns {', '.join(COLUMNS)}, got {told}")
         self.expect(self.contract.image.shape, Tensor("seen", FLOATS, (None, len(COLUMNS))))
 
     def __call__(self, pictures: np.ndarray) -> Seen:

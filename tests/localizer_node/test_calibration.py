@@ -9,6 +9,7 @@ from localizer_node.calibration import (
     Marker,
 )
 from robot.errors import ConfigError, ContractError
+from robot.lens import Hanging
 from robot.output import write_yaml
 from robot.typed_config import from_plain, load_yaml
 from tests.localizer_node.rigs import LENSES, Rig
@@ -67,6 +68,10 @@ def test_impossible_parts_are_refused():
             Marker(kind="tag", tag=tag)
     with pytest.raises(ConfigError, match="positive length_m"):
         Board(length_m=0.0)
+    with pytest.raises(ConfigError, match="all at most 5 m"):
+        Board(16.0, 14.0, 0.12, 6.0)
+    with pytest.raises(ConfigError, match=r"height: expected 0\.1 to 20\.0, got 250"):
+        replace(Rig().calibration(), hanging=Hanging((110.0, 132.0, 250.0)))
     with pytest.raises(ConfigError, match=r"hues 0\.\.360"):
         Colour("blue", 200.0, 400.0)
     for corners in (1, 2):

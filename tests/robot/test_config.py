@@ -8,6 +8,7 @@ import pytest
 
 from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
+from robot.lens import DUCKIEBOT_LENS
 from robot.link.sockets import LinkConfig, OtherRobot
 from robot.safety.governors import FirstCome, KeepApart, Rules, StopLines
 from robot.typed_config import from_plain, load_yaml, to_plain
@@ -27,6 +28,13 @@ def test_a_monitor_is_waited_for_no_longer_than_until_it_is_forgotten() -> None:
     safety["safety"]["link_age_s"] = 2.0
     with pytest.raises(ConfigError, match=r"safety\.link_age_s: expected 0\.0 to 1\.5, got 2\.0"):
         from_plain(RobotConfig, {"model": "m.onnx", **safety})
+
+
+@pytest.mark.parametrize("focal_mm", [3.04, 63.9])
+def test_a_focal_length_is_in_pixels(focal_mm: float) -> None:
+    with pytest.raises(ConfigError, match=r"camera\.lens\.fx_px: expected 64\.0 to 64000\.0, got"):
+        CameraConfig(lens=replace(DUCKIEBOT_LENS, fx_px=focal_mm))
+    assert CameraConfig(lens=replace(DUCKIEBOT_LENS, fx_px=64.0)).lens.fx_px == 64.0
 
 
 def test_a_whole_file(tmp_path: Path) -> None:
@@ -69,7 +77,25 @@ def test_a_whole_file(tmp_path: Path) -> None:
         ({"model": "m", "rules": {"headway": 1}}, "expected bool, got 1 (int)"),
         ({"model": "m", "safety": {"loop_age_s": -1}}, "loop_age_s: expected a positive number"),
         ({"model": "m", "hat": {"max_speed_mps": 0.2}}, "at least safety.max_wheel_mps"),
-        ({"model": "m", "hat": {"command_timeout_s": 0.1}}, "at least two decisions"),
+        ({"model": "m", "hat": {"command_timeout_s": 0.1}}, "command_timeout_s: expected 0.2 to 2"),
+        ({"model": "m", "hat": {"command_timeout_s": 500}}, "command_timeout_s: expected 0.2 to 2"),
+        ({"model": "m", "camera": {"mount": {"pitch_rad": 19.15}}}, "pitch_rad: expected -3.2 to"),
+        (
+            {"model": "m", "camera": {"mount": {"forward_m": 6.6}}},
+            "forward_m: expected -1.0 to 1.0",
+        ),
+        *(
+            ({"model": "m", "safety": {name: value}}, f"safety.{name}: expected 0.0 to {most}, got")
+            for name, value, most in (
+                ("frame_age_s", 200, 3.0),
+                ("loop_age_s", 200, 3.0),
+                ("manual_age_s", 300, 3.0),
+                ("blind_s", 500, 3.0),
+                ("pose_within_m", 8, 0.5),
+                ("pose_within_rad", 20, 3.0),
+                ("frozen_frames", 5000, 100),
+            )
+        ),
         ({"model": "m", "map": "town"}, "expected a link as well"),
     ],
 )

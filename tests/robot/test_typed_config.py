@@ -127,6 +127,21 @@ def test_a_yaml_file_has_four_million_bytes_at_most(tmp_path: Path) -> None:
         read_yaml(path)
 
 
+def test_a_key_given_twice_is_refused_and_merged_ones_are_not(tmp_path: Path) -> None:
+    path = tmp_path / "twice.yaml"
+    for text in ("bus: 1\narmed: true\nbus: 7\n", "a: {b: 1,\n x: 2,\n b: 3}\n"):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=r"'bu?s?' twice in a mapping .*, line 3,"):
+            read_yaml(path)
+    path.write_text(
+        "a: {b: &w {r: 1}, c: &v {<<: *w, r: 2}}\nd: {<<: [*v, *w], r: 3}\n? [x]\n: 4\n"
+    )
+    with pytest.raises(ConfigError, match="unhashable"):
+        read_yaml(path)
+    path.write_text("a: {b: &w {r: 1}, c: &v {<<: *w, r: 2}}\nd: {<<: [*v, *w], r: 3}\nr: 4\n")
+    assert read_yaml(path) == {"a": {"b": {"r": 1}, "c": {"r": 2}}, "d": {"r": 3}, "r": 4}
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -188,6 +188,9 @@ def test_drives_in_which_nobody_drove_are_left_out(tmp_path: Path) -> None:
     assert to_tub(drives, tmp_path / "tub") == 30
     with pytest.raises(ConfigError, match="a drive with pictures, got none"):
         to_tub(drives[:1], tmp_path / "none")
+    assert main(["list", str(idle.path)]) == 0
+    assert main(["plot", str(idle.path), "--out", str(tmp_path / "none.png")]) == 2
+    assert not (tmp_path / "none.png").exists()
 
 
 def test_a_drive_named_twice_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,6 +214,49 @@ def test_what_is_no_tub_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="Donkeycar tub of version 2"):
         from_tub(tmp_path, tmp_path / "out")
     assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+
+
+def test_a_tub_of_version_1_and_a_folder_of_tubs_are_named(tmp_path: Path) -> None:
+    (tmp_path / "record_1.json").write_text("{}")
+    with pytest.raises(ConfigError, match=r"of version 2, got one of version 1, .*to_tub_v2\.py"):
+        from_tub(tmp_path, tmp_path / "out")
+    for name in ("b", "a"):
+        to_tub([recorded(tmp_path / "own", name)], tmp_path / "tubs" / name)
+    with pytest.raises(ConfigError, match=r"got a folder of 2; give each alone, as .*tubs/a$"):
+        from_tub(tmp_path / "tubs", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"user/angle": -8.0}, r"from -1 to 1, got 8; degrees are divided by those of full lock"),
+        ({"user/angle": 1.02}, "from -1 to 1, got 1.02"),
+        ({"user/throttle": 90.0}, "from -1 to 1, got 90"),
+        ({"_timestamp_ms": 1_700_000_000.1}, r"_timestamp_ms 4 to 1000 ms apart, got 0 \(median"),
+    ],
+)
+def test_a_tub_in_other_units_is_refused(fields: dict, says: str, tmp_path: Path) -> None:
+    to_tub([recorded(tmp_path, "a")], tub := tmp_path / "tub")
+    change(tub, fields)
+    with pytest.raises(ConfigError, match=says):
+        from_tub(tub, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    change(tub, {"user/angle": 1.0005, "user/throttle": -1.0, "_timestamp_ms": 1.7e12})
+    for number in range(30):
+        change(tub, {"_timestamp_ms": 1.7e12 + 50.0 * number}, only=number)
+    assert len(from_tub(tub, tmp_path / "out")) == 1, "as floats round"
+
+
+@pytest.mark.parametrize("apart_ms", [0.0999, 1500.0])
+def test_a_tub_whose_records_are_no_drive_is_refused(apart_ms: float, tmp_path: Path) -> None:
+    to_tub([recorded(tmp_path, "a")], tub := tmp_path / "tub")
+    for number in range(30):
+        change(tub, {"_timestamp_ms": 1.7e12 + apart_ms * number}, only=number)
+    with pytest.raises(
+        ConfigError, match=r"_timestamp_ms 4 to 1000 ms apart, got (0\.0999|1\.5e\+03)"
+    ):
+        from_tub(tub, tmp_path / "out")
 
 
 def test_drives_are_divided_whole(tmp_path: Path) -> None:

@@ -95,6 +95,22 @@ def test_a_camera_message_that_is_none(
     assert f"{drive}: expected a turn" in refused(capsys, "list", str(drive))
 
 
+@pytest.mark.parametrize("command", ["list", "plot", "cut"])
+def test_an_mcap_file_of_something_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    drive, out = tmp_path / "a.mcap", tmp_path / "out"
+    with drive.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="another")
+        channel = writer.register_channel("/imu", "json", 0)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    words = ["--out", str(out)] if command != "list" else []
+    assert "got another MCAP file" in refused(capsys, command, str(drive), *words)
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("command", ["plot", "cut"])
 def test_results_go_into_a_new_folder(tmp_path: Path, command: str) -> None:
     drive, out = recorded(tmp_path, "a"), tmp_path / "new" / "folder" / "out.file"

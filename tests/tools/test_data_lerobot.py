@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,10 @@ def test_what_is_no_whole_dataset_of_wheels_is_refused(tmp_path: Path) -> None:
         from_dataset(tmp_path, tmp_path / "out")
     info = tmp_path / "meta/info.json"
     info.parent.mkdir()
-    for version, names, says in (("v2.1", WHEELS, "version v2.1"), ("v3.0", ["arm"], "left_mps")):
+    for version, names, says in (
+        ("v2.1", WHEELS, "v2.1; .*_v21_to_v30"),
+        ("v3.0", ["arm"], "left_mps"),
+    ):
         features = {"action": {"names": names, "dtype": "float32"}}
         told = {"codebase_version": version, "fps": 10, "features": features}
         info.write_text(json.dumps(told))
@@ -86,7 +90,35 @@ def test_a_video_that_ends_too_early_is_refused(tmp_path: Path) -> None:
     to_dataset([recorded(tmp_path / "own", "a")], dataset, "drive")
     (film,) = dataset.rglob("*.mp4")
     write_mp4(film, [np.zeros((120, 160, 3), np.uint8)] * 29, 10.0)
-    with pytest.raises(ConfigError, match="expected a whole"):
+    with pytest.raises(ConfigError, match=r"expected a whole .* a film of 29 pictures for 30 rows"):
+        from_dataset(dataset, tmp_path / "back")
+    assert not (tmp_path / "back").exists()
+
+
+def _scaled(rows: list) -> list:
+    return [{**row, "action": [1000.0 * mps for mps in row["action"]]} for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (_scaled, r"an action of \[.*\] m/s, beyond 3"),
+        (lambda rows: [{**row, "timestamp": 0.0} for row in rows], "do not grow, at 0 s"),
+        (lambda rows: rows[::-1], "missing or out of order"),
+        (lambda rows: rows[:9] + rows[10:], "missing or out of order"),
+        (lambda rows: rows[:-1], "29 rows of an episode of 30"),
+    ],
+)
+def test_rows_that_cannot_be_are_refused(
+    change: Callable[[list], list], says: str, tmp_path: Path
+) -> None:
+    parquet, pa = pytest.importorskip("pyarrow.parquet"), pytest.importorskip("pyarrow")
+    to_dataset([recorded(tmp_path, "a")], dataset := tmp_path / "dataset", "drive")
+    file = next((dataset / "data").rglob("*.parquet"))
+    table = parquet.read_table(file)
+    rows = change(table.to_pylist())
+    parquet.write_table(pa.Table.from_pylist(rows, schema=table.schema), file)
+    with pytest.raises(ConfigError, match=says):
         from_dataset(dataset, tmp_path / "back")
     assert not (tmp_path / "back").exists()
 

@@ -50,8 +50,9 @@ def split_command(recordings: Recordings, out: Path, held_out: float = 0.2, seed
 def cut_command(source: Positional[Path], out: Path) -> int:
     """A new recording of what is marked good, less what is marked bad."""
     from robot.recording.reader import cut
+    from tools.data.drives import drives_in
 
-    expect_writable(out, inputs=[source])
+    expect_writable(out, inputs=drives_in([source]))
     if out.exists():
         raise ConfigError(f"{out}: expected no recording there yet; choose another --out")
     print(f"{out}: {cut(source, out)} messages")

@@ -33,6 +33,10 @@ def drives_in(places: Sequence[Path]) -> list[Path]:
     found = [p for place in places for p in (sorted(place.glob(f"*{SUFFIX}")) or [place])]
     if not found:
         raise ConfigError("recordings: expected one or more, or folders of them, got none")
+    ours = topics.CAMERA, topics.TURN, topics.TELEMETRY
+    for path in found:
+        if not (reader.read_about(path) or any(reader.entries(path, *ours))):
+            raise ConfigError(f"{path}: expected a recording of a robot's, got another MCAP file")
     return list({path.resolve(): path for path in found}.values())
 
 
@@ -75,8 +79,10 @@ def plot(drives: Sequence[Path], out: Path) -> None:
 
     figure = Figure(figsize=(10.0, 2.2 * len(drives) + 0.5), layout="constrained")
     rows = figure.subplots(len(drives), 1, squeeze=False)[:, 0]
-    for axes, path in zip(rows, drives, strict=True):
-        samples = list(reader.read_samples(path))
+    driven = [list(reader.read_samples(path)) for path in drives]
+    if not any(driven):
+        raise ConfigError(f"{drives[0]}: expected a drive with pictures, got none")
+    for axes, path, samples in zip(rows, drives, driven, strict=True):
         began_s = samples[0].time_s if samples else 0.0
         times = np.array([sample.time_s - began_s for sample in samples])
         sticks = np.array([Stick.of(sample.wheels) for sample in samples]).reshape(-1, 2)
@@ -133,7 +139,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 INPUTS = ("cam/image_array", "user/angle", "user/throttle", "user/mode")
 TYPES = ("image_array", "float", "float", "str")  # of these
 MOST = 1000  # records in a catalog
-GAP_S = 1.0  # at most, between two records of a drive
+LEAST_GAP_S, GAP_S = 0.004, 1.0  # between two records of a drive
+MOST_SHARE = 1.01  # of full lock and full speed, as floats round
 USER, PILOT = "user", "local"  # modes: a person drives, the policy does
 JPEG_QUALITY = 95
 MOST_S = 1e10
@@ -172,6 +179,13 @@ def from_tub(tub: Path, out: Path) -> list[Path]:
     told = f"left out {len(broken)} records, such as {broken[0]}" if broken else "got none"
     if not records:
         raise ConfigError(f"{tub}: expected a Donkeycar tub of version 2 with pictures, {told}")
+    if (most := max(abs(part) for _, s in records for part in Stick.of(s.wheels))) > MOST_SHARE:
+        told = f"from -1 to 1, got {most:.3g}; degrees are divided by those of full lock"
+        raise ConfigError(f"{tub}: expected angles and throttles {told}")
+    gaps = [b.time_s - a.time_s for (one, a), (other, b) in pairwise(records) if one == other]
+    if gaps and not LEAST_GAP_S <= (usual_s := float(np.median(gaps))) <= GAP_S:
+        told = f"{1e3 * LEAST_GAP_S:g} to {1e3 * GAP_S:g} ms apart, got {1e3 * usual_s:.3g}"
+        raise ConfigError(f"{tub}: expected records with _timestamp_ms {told} (median)")
     with appearing(out) as folder:
         drives = enumerate([sample for _, sample in drive] for drive in _drives(records))
         made = [write_drive(folder, f"{tub.name}-{n:03d}", "donkeycar", each) for n, each in drives]
@@ -251,7 +265,7 @@ def _sample(tub: Path, record: dict[str, Any]) -> reader.Sample:
     who = "pilot" if mode != USER and "pilot/angle" in record else USER
     gas = USER if mode == "local_angle" else who
     steer, speed = float(record[f"{who}/angle"]), float(record[f"{gas}/throttle"])
-    if not (picture(data).size and 0.0 <= time_s < MOST_S and abs(steer) + abs(speed) < 9.0):
+    if not (picture(data).size and 0.0 <= time_s < MOST_S and abs(steer) + abs(speed) < 1e4):
         raise ValueError("expected a picture, a time, shares of full lock and of full speed")
     driver = "person" if mode == USER else "policy"
     return reader.Sample(time_s, data, Stick(-steer, speed).wheels, driver)

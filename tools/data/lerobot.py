@@ -28,6 +28,7 @@ CHUNKS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 QUALITY = 9.5  # of 10
 KEYS_EVERY = 5  # pictures: a training jumps about in the video
 WHEELS = ["left_mps", "right_mps"]
+MOST_MPS = 3.0  # of a wheel; more are mm/s, or steps
 BROKEN = FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
@@ -68,7 +69,8 @@ def from_dataset(dataset: Path, out: Path) -> list[Path]:
     try:
         info = json.loads((dataset / "meta/info.json").read_text(encoding="utf-8"))
         if not info["codebase_version"].startswith("v3."):
-            raise ValueError(f"version {info['codebase_version']}")
+            remedy = "LeRobot's convert_dataset_v21_to_v30 brings 2.1 to 3.0"
+            raise ValueError(f"version {info['codebase_version']}; {remedy}")
         if info["features"]["action"]["names"] != WHEELS:
             raise ValueError(f"actions {info['features']['action']['names']}, not {WHEELS}")
         with appearing(out) as folder:
@@ -87,14 +89,18 @@ def _write_drives(dataset: Path, info: dict[str, Any], folder: Path) -> Iterator
     if not (cameras := [name for name in told if not any(map(told[name].get, depth))]):
         raise ValueError("no video of a camera")
     rows, half_s, camera = _rows(dataset, "data"), 0.5 / float(info["fps"]), cameras[0]
+    if [row["index"] for row in rows] != [*range(len(rows))]:
+        raise ValueError("rows that are missing or out of order, by their index")
     for episode in _rows(dataset, "meta/episodes"):
         place = {k: episode[f"videos/{camera}/{k}"] for k in ("chunk_index", "file_index")}
         film = (dataset / info["video_path"].format(video_key=camera, **place)).resolve(strict=True)
         from_s = episode[f"videos/{camera}/from_timestamp"] - half_s
         images = _frames(film, from_s, episode["length"])
-        span = slice(episode["dataset_from_index"], episode["dataset_to_index"])
+        span = rows[episode["dataset_from_index"] : episode["dataset_to_index"]]
+        if len(span) != episode["length"]:
+            raise ValueError(f"{len(span)} rows of an episode of {episode['length']}")
         name, robot = f"{dataset.name}-{episode['episode_index']:03d}", info.get("robot_type")
-        yield write_drive(folder, name, robot or "lerobot", _samples(rows[span], images))
+        yield write_drive(folder, name, robot or "lerobot", _samples(span, images))
 
 
 def _rate(episodes: Sequence[Sequence[Sample]]) -> int:
@@ -226,6 +232,13 @@ def _frames(film: Path, from_s: float, count: int) -> Iterator[np.ndarray]:
 
 
 def _samples(rows: Sequence[dict[str, Any]], images: Iterator[np.ndarray]) -> Iterator[Sample]:
-    for row, image in zip(rows, images, strict=True):
+    last_s = -1.0
+    for number, row in enumerate(rows):
+        if (image := next(images, None)) is None:
+            raise ValueError(f"a film of {number} pictures for {len(rows)} rows")
+        if not last_s < (last_s := row["timestamp"]):
+            raise ValueError(f"timestamps that do not grow, at {last_s:g} s")
+        if max(map(abs, row["action"])) > MOST_MPS:
+            raise ValueError(f"an action of {row['action']} m/s, beyond {MOST_MPS:g}")
         driver = "policy" if row.get("intervention") is False else "person"
-        yield Sample(row["timestamp"], png(image), WheelSpeeds(*row["action"]), driver)
+        yield Sample(last_s, png(image), WheelSpeeds(*row["action"]), driver)

@@ -69,10 +69,8 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
 
 def _expect_same(folder: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
     if other := [name for name, value in found.items() if value != wanted[name]]:
-        raise ConfigError(
-            f"{folder}: expected what is asked for, got another {', '.join(other)}; ask as it was "
-            "made, or choose another --out"
-        )
+        told = f"{', '.join(other)}; ask as it was made, or choose another --out"
+        raise ConfigError(f"{folder}: expected what is asked for, got another {told}")
 
 
 def trainings(out: Path, options: Figure5Options, translator: Path) -> list[TrainJob]:

@@ -121,6 +121,11 @@ def tub_records(manifest: Path) -> Iterator[tuple[dict[str, Any], str]]:
 
     ConfigError where the manifest, or a catalog that it names, cannot be read.
     """
+    folder, tubs = manifest.parent, sorted(manifest.parent.glob("*/manifest.json"))
+    if not manifest.exists() and (tubs or any(folder.glob("record_*.json"))):
+        told = "one of version 1, which Donkeycar's scripts/convert_to_tub_v2.py converts"
+        told = f"a folder of {len(tubs)}; give each alone, as {tubs[0].parent}" if tubs else told
+        raise ConfigError(f"{folder}: expected a Donkeycar tub of version 2, got {told}")
     lines = [line for line in _lines(manifest) if line.strip("\0 ")]
     last = (_record(lines[-1]) if lines else None) or {}
     found = (last.get(key) for key in ("deleted_indexes", "paths"))
@@ -169,10 +174,8 @@ def _pictures(folder: Path, names: list[str]) -> tuple[Path, ...]:
         found = next((path for path in places if path.is_file()), None)
         (missing if found is None else files).append(found or Path(name))
     if missing:
-        raise ConfigError(
-            f"{folder}: expected a picture for each of {len(names)} records, found none for "
-            f"{len(missing)}, the first {missing[0]}; take these records out"
-        )
+        told = f"{folder}: expected a picture for each of {len(names)} records, found none for "
+        raise ConfigError(f"{told}{len(missing)}, the first {missing[0]}; take these records out")
     return tuple(files)
 
 
@@ -248,10 +251,8 @@ class SteeringPolicy:
         right = -actions[:, 0] if drives_a_car else actions[:, 0] - actions[:, 1]
         self._steering_deg = FULL_LOCK_DEG * right / np.abs(right).max(initial=1e-9)
         if set(turns(self._steering_deg).tolist()) != set(Turn):
-            raise ContractError(
-                f"{path}: expected a policy that can go left, straight and right, got actions "
-                f"{actions.tolist()}; {REMEDY}"
-            )
+            told = f"{path}: expected a policy that can go left, straight and right, got actions "
+            raise ContractError(f"{told}{actions.tolist()}; {REMEDY}")
         if not 1 <= self.frames <= STACK:
             raise ContractError(
                 f"{path}: expected at most {STACK} stacked pictures, got {self.frames}"

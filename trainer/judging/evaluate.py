@@ -171,10 +171,8 @@ def open_policy(model: str | Path, task: str = "", translate: str | None = None)
     trained_for = read_contract(model).task
     trained = find_task(trained_for)
     if task and find_task(task).wheeled != trained.wheeled:
-        raise ConfigError(
-            f"{model}: expected a policy for {task}, got one for {trained_for}; "
-            "these are driven by different vehicles"
-        )
+        told = f"{model}: expected a policy for {task}, got one for {trained_for}; "
+        raise ConfigError(f"{told}these are driven by different vehicles")
     policy = OnnxPolicy(model, actions=None if trained.wheeled else trained.actions)
     if translate is None:
         return policy

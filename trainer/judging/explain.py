@@ -30,7 +30,7 @@ from trainer.run import RunFolder
 ATTENTION_SHARE = 0.55  # of the overlay's colour that comes from the colour map
 SHEET = 16  # pictures on a sheet
 PATCHES = 20  # covered ones across a picture
-VIDEO_FPS = 10.0  # of an explained video: a decision's pace
+VIDEO_FPS = 10.0  # of a video drawn of one that does not tell its own: a decision's pace
 _SHEET_EVERY = 10  # frames of a video, so that a long one fits into memory
 _SHOWN_PX, _CELL_PX = (320, 240), (600, 150)
 
@@ -110,12 +110,22 @@ def pictures(source: Path) -> Iterator[tuple[str, np.ndarray]]:
             raise ConfigError(f"{source}: expected a video with pictures, got none")
         return
     single, given = source.is_file() and source.suffix.lower() in PICTURES, set[str]()
-    for file in [source] if single else picture_files(source):
+    files, skipped = [source] if single else picture_files(source), list[Path]()
+    for file in files:
         name = file.stem if single else "_".join(file.relative_to(source).with_suffix("").parts)
         while name in given:  # of x.jpg and x.png
             name += "_" + file.suffix[1:]
+        try:
+            frame = fit_to_frame(read_picture(file))
+        except ConfigError:
+            skipped.append(file)
+            if len(skipped) == len(files):
+                raise
+            continue
         given.add(name)
-        yield name, fit_to_frame(read_picture(file))
+        yield name, frame
+    if skipped:
+        print(f"skipped {len(skipped)} that OpenCV cannot read, such as {skipped[0]}")
 
 
 def explain(explainer: Explainer, frame: np.ndarray) -> np.ndarray:
@@ -174,7 +184,9 @@ def redraw(source: Path, out: Path, word: str, draw: Callable[[np.ndarray], np.n
     drawn = ((next(count), name, draw(frame)) for name, frame in every)
     if source.suffix.lower() in VIDEOS:
         path = out / f"{source.stem}_{word}.mp4"
-        write_mp4(path, (picture for _, _, picture in drawn), VIDEO_FPS)
+        rate = cv2.VideoCapture(str(source)).get(cv2.CAP_PROP_FPS)
+        rate = rate if 1.0 <= rate <= 240.0 else VIDEO_FPS
+        write_mp4(path, (picture for _, _, picture in drawn), rate)
     else:
         for _, name, picture in drawn:
             write_png(out / f"{name}_{word}.png", picture)

@@ -96,10 +96,8 @@ def ended(folder: RunFolder, config: RunConfig) -> str:
         more |= by == "seconds" and (config.seconds is None or seconds < config.seconds)
         return "" if more else f"{steps} steps, stopped by {by}"
     except (KeyError, TypeError) as error:
-        raise ConfigError(
-            f"{folder.metrics}: expected the figures of a training, got others; delete it, and "
-            "the run goes on"
-        ) from error
+        told = f"{folder.metrics}: expected the figures of a training, got others; delete it, and "
+        raise ConfigError(f"{told}the run goes on") from error
 
 
 @dataclass(frozen=True)

@@ -75,10 +75,8 @@ def perform(job: Job, folder: str) -> int:
     this machine has none.
     """
     if not Path(folder).is_dir():
-        raise ConfigError(
-            f"{folder}: expected a folder that all nodes of the cluster share, found none on "
-            f"{socket.gethostname()}"
-        )
+        told = f"{folder}: expected a folder that all nodes of the cluster share, found none on "
+        raise ConfigError(f"{told}{socket.gethostname()}")
     os.chdir(folder)
     job.log.parent.mkdir(parents=True, exist_ok=True)
     with job.log.open("ab") as log:

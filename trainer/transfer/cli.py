@@ -67,10 +67,8 @@ class ThroughOptions:
 
     def __post_init__(self) -> None:
         if bool(self.parser) == is_collection(Path(self.real)):
-            raise ConfigError(
-                f"parser: expected one for photographs and none for a collection, got "
-                f"{self.parser or 'none'} for {self.real}"
-            )
+            told = "parser: expected one for photographs and none for a collection, got "
+            raise ConfigError(f"{told}{self.parser or 'none'} for {self.real}")
         if self.parser and self.labels != "road":
             raise ConfigError(f"labels: expected road with a parser, got {self.labels}")
 

@@ -194,10 +194,8 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
     """
     simulated, files = is_collection(folder), pictures_in(folder)
     if not simulated and labels is not CAMVID:
-        raise ConfigError(
-            f"{folder}: expected a collection from the simulator for labels {labels.name!r}, got "
-            "CamVid's classes; try --labels camvid"
-        )
+        told = f"{labels.name!r}, got CamVid's classes; try --labels camvid"
+        raise ConfigError(f"{folder}: expected a collection from the simulator for labels {told}")
     classes = len(SemanticClass) if simulated else len(CAMVID.classes)
     frames, truth = np.stack([_read(file, size) for file in files]), []
     for file in files:
@@ -221,10 +219,8 @@ def load_drawn(annotations: Annotations, photographs: Path, size: tuple[int, int
     paths, drawn = {path.name: path for path in every}, annotations.photographs
     for photograph in drawn:
         if (count := [path.name for path in every].count(photograph.file)) != 1:
-            raise ConfigError(
-                f"{photographs}: expected one photograph named {photograph.file}, found {count}; "
-                "point --photos at the set that was annotated"
-            )
+            told = f"{photograph.file}, found {count}; point --photos at the set that was annotated"
+            raise ConfigError(f"{photographs}: expected one photograph named {told}")
     frames = np.stack([_read(paths[each.file], size) for each in drawn])
     truth = np.stack([draw(each, annotations.size, size) for each in drawn])
     return Labelled(np.array([each.file for each in drawn]), frames, truth)

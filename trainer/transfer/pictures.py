@@ -73,10 +73,8 @@ def label_of(picture: Path) -> np.ndarray:
     path = picture.parent.parent / "label" / f"{picture.stem}.png"
     label = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.exists() else None
     if label is None or label.ndim != 2 or label.dtype != np.uint8:
-        raise ConfigError(
-            f"{path}: expected the labels of {picture.name}, 8-bit grey, got none; "
-            "gather frames with duckpilot collect"
-        )
+        told = f"{path}: expected the labels of {picture.name}, 8-bit grey, got none; "
+        raise ConfigError(f"{told}gather frames with duckpilot collect")
     return np.asarray(label)
 
 

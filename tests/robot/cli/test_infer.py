@@ -93,6 +93,20 @@ def test_what_is_read_is_not_written_over(tmp_path: Path, pictures: Path, name: 
     assert (tmp_path / name).read_bytes() == before
 
 
+def test_pictures_of_a_kind_that_cannot_be_read_are_told_of(
+    tmp_path: Path, pictures: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (pictures / "IMG_0001.HEIC").write_bytes(b"of a telephone")
+    model = str(write_policy(tmp_path / "m.onnx", lane_contract()))
+    words = ["infer", "--model", model, "--images", str(pictures)]
+    assert main([*words, "--json", str(tmp_path / "o.json")]) == 0
+    assert "skipped 1 that OpenCV cannot read, such as IMG_0001.HEIC" in capsys.readouterr().out
+    for path in pictures.glob("*.png"):
+        path.unlink()
+    assert main([*words, "--json", str(tmp_path / "none.json")]) == 2
+    assert "expected pictures (.png, .jpg" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"), [([], "COMMAND"), (["fly"], "infer"), (["infer"], "--model")]
 )

@@ -40,7 +40,7 @@ EDGES: List[Tuple[str, Any, Any]] = [
     ("max_speed_mps", 0.05, math.inf),
     ("release_after_s", 0.25, 0.0),
     ("command_timeout_s", 1e-6, -1.0),
-    ("steps_per_rev", 48, 0),
+    ("steps_per_rev", 48.5, 0),  # a geared motor's are no whole number: 2037.9 of a 28BYJ-48
     ("microsteps", 2, 3),
 ]
 

@@ -21,8 +21,10 @@ from trainer.judging.explain import (
     fuse,
     overlay,
     pictures,
+    redraw,
     sheet,
 )
+from trainer.mp4 import write_mp4
 
 
 class Contract:
@@ -158,7 +160,7 @@ def test_no_two_pictures_of_a_folder_have_one_name(tmp_path: Path) -> None:
 
 def test_a_file_of_another_kind_is_told_which_ones_are_read(tmp_path: Path) -> None:
     (tmp_path / "drive.webm").write_bytes(b"nothing")
-    with pytest.raises(ConfigError, match=r"\.png, \.jpg, .*\.tiff, got a file"):
+    with pytest.raises(ConfigError, match=r"\.png, \.jpg, .*\.tiff\), got a file"):
         list(pictures(tmp_path / "drive.webm"))
 
 
@@ -271,3 +273,28 @@ def test_what_the_rectifiers_after_convolutions_give() -> None:
 
 def test_an_explained_video_is_as_fast_as_a_robot_decides() -> None:
     assert module.VIDEO_FPS == 10.0
+
+
+def test_pictures_that_cannot_be_read_are_left_out_and_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder := tmp_path / "in").mkdir()
+    for name in ("a.png", "c.png"):
+        cv2.imwrite(str(folder / name), np.full((120, 160, 3), 90, np.uint8))
+    (folder / "b.jpg").write_bytes(b"junk")
+    (folder / "IMG_1.HEIC").write_bytes(b"junk")
+    assert redraw(folder, tmp_path / "out", "seen", lambda frame: frame) == 2
+    assert capsys.readouterr().out.startswith("skipped 2 that OpenCV cannot read, such as ")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"a_seen.png", "c_seen.png"}
+    for name in ("a.png", "c.png"):
+        (folder / name).write_bytes(b"junk")
+    with pytest.raises(ConfigError, match="expected a picture, got a file that OpenCV cannot"):
+        redraw(folder, tmp_path / "none", "seen", lambda frame: frame)
+
+
+@pytest.mark.parametrize("rate", [10.0, 30.0])
+def test_a_drawn_film_is_as_fast_as_its_source(tmp_path: Path, rate: float) -> None:
+    write_mp4(tmp_path / "a.mp4", [np.full((120, 160, 3), 9 * k, np.uint8) for k in range(9)], rate)
+    assert redraw(tmp_path / "a.mp4", tmp_path / "out", "seen", lambda frame: frame) == 9
+    film = cv2.VideoCapture(str(tmp_path / "out" / "a_seen.mp4"))
+    assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
