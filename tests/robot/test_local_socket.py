@@ -36,4 +36,4 @@ def test_where_nobody_listens_no_descriptor_stays(tmp_path: Path) -> None:
     before = os.listdir("/proc/self/fd")
     with pytest.raises(HardwareError, match="expected a virtual camera, got: No such file") as told:
         connect_local(str(tmp_path / "none"), "a virtual camera", 1.0)
-    assert len(os.listdir("/proc/self/fd")) == len(before), told
+    assert len(os.listdir("/proc/self/fd")) <= len(before), told  # garbage of others may go

@@ -19,6 +19,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from websockets.client import ClientProtocol
+from websockets.protocol import State
+from websockets.uri import parse_uri
 
 from robot.camera.source import SocketStream
 from robot.computer.clock import MonotonicClock
@@ -29,6 +32,8 @@ from robot.hat.bus import SocketBus
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.inference.policy import OnnxPolicy
+from robot.link.messages import Telemetry
+from robot.link.sockets import Publisher, Subscriber
 from robot.navigation.path import Path as LanePath
 from robot.navigation.road_map import load_map
 from sim_pybullet.overhead import OVERHEAD_LENS
@@ -36,10 +41,12 @@ from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tests.sim_pybullet.lane_pose import lane_pose
 from tests.tools.pursuit import write_pursuit
+from tools.loop import in_step
 from tools.loop.bench import Bench, free_ports
 from tools.loop.devices import BusServer, Listener, PictureServer
 from tools.loop.drive import aim, whim
 from tools.loop.missions import Driver, MissionRecord, distance_m
+from tools.loop.operator import Operator
 from tools.loop.process import Process
 from tools.loop.proxy import Proxy
 from tools.loop.shared_time import SharedTime
@@ -315,3 +322,89 @@ def test_a_bench_that_ignores_hang_ups_starts_programs_that_do_not(tmp_path: Pat
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+@pytest.fixture
+def ear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Reads commands of a shared time; of those ``on_the_way`` one comes at each later look."""
+    ear = SimpleNamespace(shared=SharedTime(tmp_path / "time", create=True), on_the_way=[])
+    there: list[bytes] = []
+
+    class Kind:
+        from_bytes = staticmethod(bytes)
+
+    def pause(_: float) -> None:
+        there.extend(filter(None, (ear.on_the_way.pop(0),) if ear.on_the_way else ()))
+
+    def read(*_: object) -> list[bytes]:
+        found, there[:] = [Kind.from_bytes(data) for data in there], []
+        return found
+
+    monkeypatch.setattr(in_step, "_pause", pause)
+    monkeypatch.setattr(in_step, "_real", itertools.count().__next__)  # each look lasts a second
+    serve = in_step._patient(read, Kind, "command", ear.shared)
+    ear.serve, ear.there = lambda: serve(None, None), there
+    return ear
+
+
+def test_on_a_busy_machine_a_message_is_waited_for_as_many_looks(ear: SimpleNamespace) -> None:
+    ear.shared.add("command")
+    ear.on_the_way = [b""] * 250 + [b"arm"]
+    assert ear.serve() == [b"arm"]
+
+
+def test_after_what_came_late_or_from_a_stranger_the_next_message_is_waited_for(
+    ear: SimpleNamespace,
+) -> None:
+    ear.shared.add("command")
+    assert ear.serve() == [], "lost, for all that it knows"
+    ear.there += [b"late", b"a stranger's"]
+    assert ear.serve() == [b"late", b"a stranger's"]
+    ear.shared.add("command")
+    ear.on_the_way = [b"", b"stop"]
+    assert ear.serve() == [b"stop"]
+
+
+def test_nobody_waits_where_the_network_may_lose_messages(ear: SimpleNamespace) -> None:
+    ear.shared.add("command")
+    ear.shared.set("lossy", 1.0)
+    ear.on_the_way = [b"", b"arm"]
+    assert ear.serve() == []
+
+
+def test_a_link_is_deaf_by_both_clocks_for_a_slow_machine_is_no_silence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real_s, again = [5000.0], list[str]()
+    for of, name in ((Subscriber, "__init__"), (Subscriber, "receive"), (Publisher, "send")):
+        monkeypatch.setattr(of, name, getattr(of, name))  # as it is afterwards
+    monkeypatch.setattr(in_step, "_real", lambda: real_s[0])
+    monkeypatch.setattr("robot.link.sockets.receive_now", lambda _: None)
+    in_step._watch_streams(shared := SharedTime(tmp_path / "time", create=True))
+    keys = SimpleNamespace(role="monitor")
+    link = SimpleNamespace(
+        keys=keys, connect=lambda *_: None, reconnect=lambda _, stream: again.append(stream)
+    )
+    subscriber = Subscriber(cast(Any, link), Telemetry)
+    for now_s, lasts_s in ((0.0, 60.0), (1.9, 1.0), (2.1, 0.5), (2.2, 1.0)):
+        shared.set("now", now_s)
+        subscriber.receive()
+        assert again == []
+        real_s[0] += lasts_s
+    subscriber.receive()
+    assert again == ["telemetry"]
+
+
+def test_a_page_that_its_monitor_closed_can_still_be_looked_at() -> None:
+    page = object.__new__(Operator)
+    page.closed, page.watching, page._unseen = False, True, 0
+    page._time, page._name = cast(Any, SimpleNamespace(poked=lambda _: None)), "monitor"
+    page._protocol = ClientProtocol(parse_uri("ws://127.0.0.1/ws"))
+    page._protocol.state = State.OPEN
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        page._socket = socket.create_connection(listener.getsockname())
+        listener.accept()[0].close()
+        with page._socket:
+            for _ in range(3):
+                page.look()
+    assert page.closed

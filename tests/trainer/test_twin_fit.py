@@ -352,6 +352,14 @@ def test_what_another_program_recorded_is_refused(
         read_drives([file.path], pytest.fail)
 
 
+def test_an_error_of_ours_is_not_told_as_one_of_the_recording(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trainer.twin.recorded.fit_to_frame", lambda image: image + None)
+    with pytest.raises(TypeError):
+        read_drives([recording], pytest.fail)
+
+
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_drive(NOMINAL, "rings/claw", 2.0, 1, tmp_path_factory.mktemp("twin") / "s.mcap")

@@ -43,7 +43,7 @@ class StandIn:
         self.instead: list[bytes] = []  # sent in place of poses
         self._bench = bench
         self.lies(lambda pose, *_: pose)
-        self._shared = shared
+        self._told = shared.set if keys is None else lambda *_: None  # else nobody would hear it
         let_sockets_wait()
         self._link = Link(keys or load_keys(config.keys), config)
         self._socket = self._link.bind(PosesMessage.KIND, 2**21)
@@ -83,7 +83,7 @@ class StandIn:
         while self._waiting and self._waiting[0][0] <= bench_s:
             sent = self._waiting.popleft()[1]
             self._send(sent.to_bytes())
-            self._shared.set(sent.KIND, message_number(sent.session, sent.sequence))
+            self._told(sent.KIND, message_number(sent.session, sent.sequence))
 
 
 START = Pose(0.132, 2.156, -math.pi / 2.0)  # on the longest straight lane of the arena

@@ -3,6 +3,7 @@
 import contextlib
 import secrets
 import socket
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,7 +13,7 @@ import zmq
 from robot.contract import ACTION_WHEELS
 from robot.link.keys import Keys, keygen, load_keys
 from robot.link.messages import UNSENT, Command, Mission
-from tools.faults.stage import Stage
+from tools.faults.stage import CONNECT_S, Stage
 
 
 def _keys(stage: Stage, whose: str) -> Keys | None:
@@ -68,12 +69,13 @@ def speaks(stage: Stage, whose: str, what: str) -> None:
             socket.curve_serverkey = keys.peer("robot")
             socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
         socket.connect(stage.bench.link_configs["robot"].endpoint("command"))
-        for _ in range(10):
-            for part in SAYS[what](stage):
+        for turn in range(20):
+            for part in () if turn % 2 else SAYS[what](stage):
                 data = part.to_bytes() if isinstance(part, Command) else part
                 with contextlib.suppress(zmq.Again):
                     socket.send(data, zmq.NOBLOCK)
-            stage.run(0.1)
+            time.sleep(6.0 * CONNECT_S if turn < 4 else 0.0)  # shaking hands takes real time
+            stage.run(0.05)
 
 
 def named(stage: Stage, thief: str) -> str:

@@ -12,6 +12,7 @@ last; a receiver looks until it has that, even of a publisher that was started a
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import runpy
@@ -27,7 +28,7 @@ from typing import Any, TextIO, cast
 from tools.loop.shared_time import OTHERS, SharedTime, message_number
 from tools.loop.stepper import Stepper, Waiter
 
-LONGEST_S = 0.25  # real time that one message may take
+LONGEST_S, LOOKS = 0.5, 300  # real time for a message; looks besides, which wait as long as it
 LOOK_S = 1e-4
 PATIENT_MS = 60_000
 SEND_QUEUE = 1000  # nothing grows old in it: its thread may be slow, but time waits
@@ -50,24 +51,23 @@ def let_sockets_wait() -> None:
 
 
 def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
-    give_up_s = _real() + LONGEST_S
+    give_up_s, looks = _real() + LONGEST_S, itertools.count()
     while not there():
-        if _real() > give_up_s or shared.get("lossy"):
+        if (_real() > give_up_s and next(looks) >= LOOKS) or shared.get("lossy"):
             return False
         _pause(LOOK_S)
     return True
 
 
 def _watch_streams(shared: SharedTime) -> None:
-    from robot.link.sockets import Publisher, Subscriber
+    from robot.link.sockets import DEAF_S, Publisher, Subscriber
 
     begin, send, receive = Subscriber.__init__, Publisher.send, Subscriber.receive
 
     def begin_by_the_wall(subscriber: Any, *arguments: Any, **named: Any) -> None:
         begin(subscriber, *arguments, **named)
         subscriber._clock = _real  # connecting anew takes real time, too
-        subscriber._alive_s = _real()
-        subscriber.last = None
+        subscriber.last, subscriber.heard_s = None, shared.get("now")
 
     def told_send(publisher: Any, message: Any) -> Any:
         sent = send(publisher, message)
@@ -81,9 +81,11 @@ def _watch_streams(shared: SharedTime) -> None:
 
         def there() -> bool:
             nonlocal newest
-            got = receive(subscriber)
-            if got is not None:
-                newest, subscriber.last = got, message_number(got.session, got.sequence)
+            if shared.get("now") < subscriber.heard_s + DEAF_S:
+                subscriber._alive_s = _real()  # a slow machine is no silence
+            if (got := receive(subscriber)) is not None:
+                newest, subscriber.heard_s = got, shared.get("now")
+                subscriber.last = message_number(got.session, got.sequence)
             return (subscriber.last or due) == due
 
         if not _look_until(there, shared):
@@ -121,8 +123,7 @@ def _watch_commands(shared: SharedTime) -> None:
 
 def _patient(read: Any, kind: Any, slot: str, shared: SharedTime) -> Any:
     """``read`` again until as many messages of this class were heard as were sent."""
-    heard = 0.0
-    decode: Any = kind.from_bytes
+    heard, decode = 0.0, kind.from_bytes
 
     def counted(data: bytes) -> Any:
         nonlocal heard
@@ -137,8 +138,8 @@ def _patient(read: Any, kind: Any, slot: str, shared: SharedTime) -> Any:
             found.extend(read(owner, argument) or ())
             return heard >= shared.get(slot)
 
-        if not _look_until(there, shared):
-            heard = shared.get(slot)
+        _look_until(there, shared)
+        heard = shared.get(slot)  # no longer with strangers' and late ones: the next is waited for
         return found
 
     replace(kind, from_bytes=staticmethod(counted))

@@ -75,12 +75,11 @@ class Operator:
 
     def look(self) -> None:
         """Take in all that the page was sent by now, and show that we watch."""
-        if opened := self._protocol.state is State.OPEN:
+        if opened := not self.closed and self._protocol.state is State.OPEN:
             self._protocol.send_ping(b"")  # its answer comes after all that was sent before
             self._flush()
         while select.select([self._socket], [], [], LONGEST_S * opened)[0]:
-            data = self._socket.recv(1 << 20)
-            if not data:
+            if not (data := self._socket.recv(1 << 20)):
                 self.closed = True
                 return
             self._protocol.receive_data(data)

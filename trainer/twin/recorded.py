@@ -22,15 +22,12 @@ LEAST_S, ALL_S, _CUT_S = 8.0, 20.0, 0.5  # of a drive; of all; without a turn: i
 
 
 class Recorded(NamedTuple):
-    """One drive. Times [s] are of the robot's clock, from the first turn on.
-
-    Pictures (F) are fresh ones, at the turns that saw them first.
-    """
+    """One drive. Times [s] are of the robot's clock, from the first turn on."""
 
     map_name: str  # "": none
     commands: np.ndarray  # (K, 2) rim speeds [m/s] after the ramp, each `PHYSICS_DT_S`; NaN: cut
-    times_s: np.ndarray  # (F,)
-    images: np.ndarray  # (F, 120, 160, 3) uint8 RGB
+    times_s: np.ndarray  # (F,) of the turns that saw a picture first
+    images: np.ndarray  # (F, 120, 160, 3) uint8 RGB, fresh ones
     overhead: np.ndarray  # (M, 4) when it saw the robot, x, y, heading; empty without a map
     fused: np.ndarray  # (T, 4) the same, as the robot believed
     skipped: float  # share of the turns that saw the picture before once more
@@ -60,30 +57,31 @@ def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Re
             drives.append(read_drive(path))
         except UnfitError as error:
             tell(f"left out: {error}")
-        except (ValueError, LookupError, TypeError, AttributeError) as error:
-            told = f"{path}: expected a robot's recording, got: {error!r}"
-            raise error if isinstance(error, DuckpilotError) else ContractError(told) from error
     if (seconds := sum(each.seconds for each in drives)) < ALL_S:
         raise ConfigError(f"expected {ALL_S:g} s and more of drives, got {seconds:.0f} s")
     return drives
 
 
 def read_drive(path: Path) -> Recorded:
-    """UnfitError: too short, or on a map without any pose; ConfigError: no recording."""
+    """UnfitError: too short, or on a map without any pose; DuckpilotError: none of a robot."""
     turns, frames, marks = list[topics.Turn](), dict[int | None, bytes](), read_pieces(path)
     overhead, fused = list[list[float]](), list[list[float]]()
-    for entry in entries(path, topics.CAMERA, topics.TURN, topics.OVERHEAD, topics.POSE):
-        if entry.topic == topics.CAMERA.name:
-            frames[entry.number] = topics.image_bytes(entry.message())
-        elif entry.topic == topics.TURN.name:
-            turn, good = turn_of(path, entry), kept(marks, entry.topic, entry.time_s)
-            turns.append(turn if good else replace(turn, state=""))
-        elif entry.topic == topics.POSE.name:
-            fused.append([turns[-1].time_s, *_place(entry.message())])
-        elif turns[-1].pose_age_s is not None and (message := entry.message())["heading_known"]:
-            overhead.append([turns[-1].time_s - turns[-1].pose_age_s, *_place(message)])
-    about = read_about(path)
-    map_name, hat = about.get("map", ""), json.loads(about.get("config", "{}")).get("hat", {})
+    try:
+        for entry in entries(path, topics.CAMERA, topics.TURN, topics.OVERHEAD, topics.POSE):
+            if entry.topic == topics.CAMERA.name:
+                frames[entry.number] = topics.image_bytes(entry.message())
+            elif entry.topic == topics.TURN.name:
+                turn, good = turn_of(path, entry), kept(marks, entry.topic, entry.time_s)
+                turns.append(turn if good else replace(turn, state=""))
+            elif entry.topic == topics.POSE.name:
+                fused.append([turns[-1].time_s, *_place(entry.message())])
+            elif turns[-1].pose_age_s is not None and (message := entry.message())["heading_known"]:
+                overhead.append([turns[-1].time_s - turns[-1].pose_age_s, *_place(message)])
+        about = read_about(path)
+        map_name, hat = about.get("map", ""), json.loads(about.get("config", "{}")).get("hat", {})
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        wrong = f"{path}: expected a robot's recording, got: {error!r}"
+        raise error if isinstance(error, DuckpilotError) else ContractError(wrong) from error
     seconds = turns[-1].time_s - turns[0].time_s if turns else 0.0
     if seconds < LEAST_S or not frames or (map_name and not (overhead or fused)):
         wanted = f"expected {LEAST_S:g} s and more of driving, on a map with poses"

@@ -56,9 +56,9 @@ def test_who_can_type_no_more_stops_the_robot(lines: Iterable[str], count: int) 
 
 
 def test_a_line_that_never_comes_keeps_no_program_from_ending() -> None:
-    typing = threading.Event()
+    typing, before = threading.Event(), set(threading.enumerate())
     Terminal(iter(typing.wait, True), lambda _: None)  # type: ignore[arg-type]
-    (thread,) = (each for each in threading.enumerate() if each.name == "terminal")
+    (thread,) = set(threading.enumerate()) - before
     assert thread.daemon
     typing.set()
     thread.join(5.0)
