@@ -161,7 +161,7 @@ class PathBatch:
             index[todo] = window[np.arange(len(todo)), best]
             ends = (index[todo] == 0) | (index[todo] == self._counts[paths[todo]] - 1)
             todo = todo[((best == 0) | (best == 2 * _REACH)) & (self._closed[paths[todo]] | ~ends)]
-        segment = self._segments[paths, index]
+        segment = self._of(paths, index)
         vector, delta = segment[:, _DX:_INVERSE], xy_m - segment[:, _X:_DX]
         cross = vector[:, 0] * delta[:, 1] - vector[:, 1] * delta[:, 0]
         arc_m = (index + fraction) * self._steps_m[paths]
@@ -172,7 +172,7 @@ class PathBatch:
         """Points (N, K, 2) at arc lengths (N, K) [m]; an open path goes on straight at its ends."""
         paths = self._paths(len(arc_m))
         index, fraction = self._locate(paths, arc_m)
-        segment = self._segments[paths[:, None], index]
+        segment = self._of(paths[:, None], index)
         inside = np.clip(fraction, 0.0, 1.0)
         points = segment[..., _X:_DX] + inside[..., None] * segment[..., _DX:_INVERSE]
         beyond_m = (fraction - inside) * self._steps_m[paths, None]
@@ -185,7 +185,7 @@ class PathBatch:
         """Headings (N, K) [rad] at arc lengths (N, K) [m]."""
         paths = self._paths(len(arc_m))
         index, fraction = self._locate(paths, arc_m)
-        return self._heading(self._segments[paths[:, None], index], np.clip(fraction, 0.0, 1.0))
+        return self._heading(self._of(paths[:, None], index), np.clip(fraction, 0.0, 1.0))
 
     def index_at(self, arc_m: np.ndarray) -> np.ndarray:
         """The hints (N,) of robots that are known to be at arc lengths (N,) [m]."""
@@ -202,6 +202,11 @@ class PathBatch:
     def _paths(self, robots: int) -> np.ndarray:
         return np.zeros(robots, dtype=int) if self._shared else self._path_of
 
+    def _of(self, paths: np.ndarray, index: np.ndarray) -> np.ndarray:
+        """Segments (..., 7): ``take`` is several times as fast as indexing."""
+        every = self._segments.reshape(-1, _WIDTH)
+        return every.take(paths * self._segments.shape[1] + index, axis=0)
+
     def _window(self, paths: np.ndarray, centre: np.ndarray) -> np.ndarray:
         """Segment indices (N, 2 * _REACH + 1) around a centre, on the path."""
         window = centre[:, None] + np.arange(-_REACH, _REACH + 1)
@@ -212,7 +217,7 @@ class PathBatch:
         self, xy_m: np.ndarray, paths: np.ndarray, window: np.ndarray
     ) -> Tuple[np.ndarray, np.ndarray]:
         """Column (N,) of the nearest segment of each window (N, W), and how far along it."""
-        segment = self._segments[paths[:, None], window]
+        segment = self._of(paths[:, None], window)
         vector = segment[..., _DX:_INVERSE]
         delta = xy_m[:, None] - segment[..., _X:_DX]
         along = delta[..., 0] * vector[..., 0] + delta[..., 1] * vector[..., 1]

@@ -162,7 +162,7 @@ class KeepApart:
 
     @staticmethod
     def _most(ahead: RoadAhead, less_m: float) -> float:
-        most_mps = (ahead.free_m - less_m) / HEADWAY_S - max(0.0, ahead.coming_mps)
+        most_mps = (ahead.free_m - less_m) / HEADWAY_S - max(ahead.coming_mps, 0.0)
         return most_mps if most_mps >= _LEAST_MPS else 0.0  # nor a NaN
 
 

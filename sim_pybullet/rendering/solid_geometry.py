@@ -126,9 +126,9 @@ def meet_box(
 ) -> None:
     """Put a box where it is the nearest along its rays: slabs, Kay and Kajiya 1986.
 
-    Of s rays for each of w pixels, ``rays`` (3, s, w) float32, those of pixels first..last are
-    tried. ``depth`` (s, w) float32 and what is ``seen`` there, uint32, change where the box is
-    nearer. ``colours`` (3,) are those of the faces across its height, its length and its width.
+    Of ``rays`` (3, R) float32 those from first to last - 1 are tried. ``depth`` (R,) float32 and
+    what is ``seen`` there, uint32, change where the box is nearer. ``colours`` (3,) are those of
+    the faces across its height, its length and its width.
     """
     one = np.float32(1.0)
     c, s = np.float32(row[COS]), np.float32(row[SIN])
@@ -137,22 +137,21 @@ def meet_box(
     half_x, half_y = np.float32(row[HALF_LENGTH]), np.float32(row[HALF_WIDTH])
     base, top = np.float32(row[BASE]), np.float32(row[TOP])
     cap, front, flank = colours
-    for sample in range(len(depth)):
-        rx, ry, rz = rays[0, sample, first:last], rays[1, sample, first:last], rays[2, sample]
-        rz, near, shown = rz[first:last], depth[sample, first:last], seen[sample, first:last]
-        for k in range(len(near)):
-            along_x, along_y = one / (c * rx[k] + s * ry[k]), one / (c * ry[k] - s * rx[k])
-            along_z = one / rz[k]
-            x0, x1 = (x - half_x) * along_x, (x + half_x) * along_x
-            y0, y1 = (y - half_y) * along_y, (y + half_y) * along_y
-            z0, z1 = base * along_z, top * along_z
-            into_x, into_y, into_z = min(x0, x1), min(y0, y1), min(z0, z1)
-            enter = max(into_x, into_y, into_z)
-            leave = min(max(x0, x1), max(y0, y1), max(z0, z1))
-            nearest = (enter > 0.0) & (enter <= leave) & (enter < near[k])
-            colour = cap if enter == into_z else (front if enter == into_x else flank)
-            near[k] = enter if nearest else near[k]
-            shown[k] = colour if nearest else shown[k]
+    rx, ry, rz = rays[0, first:last], rays[1, first:last], rays[2, first:last]
+    near, shown = depth[first:last], seen[first:last]
+    for k in range(len(near)):
+        along_x, along_y = one / (c * rx[k] + s * ry[k]), one / (c * ry[k] - s * rx[k])
+        along_z = one / rz[k]
+        x0, x1 = (x - half_x) * along_x, (x + half_x) * along_x
+        y0, y1 = (y - half_y) * along_y, (y + half_y) * along_y
+        z0, z1 = base * along_z, top * along_z
+        into_x, into_y, into_z = min(x0, x1), min(y0, y1), min(z0, z1)
+        enter = max(into_x, into_y, into_z)
+        leave = min(max(x0, x1), max(y0, y1), max(z0, z1))
+        nearest = (enter > 0.0) & (enter <= leave) & (enter < near[k])
+        colour = cap if enter == into_z else (front if enter == into_x else flank)
+        near[k] = enter if nearest else near[k]
+        shown[k] = colour if nearest else shown[k]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
@@ -178,26 +177,25 @@ def meet_cylinder(
     ambient, diffuse = np.float32(light[3]), np.float32(light[4])
     red, green, blue = np.float32(row[RED]), np.float32(row[GREEN]), np.float32(row[BLUE])
     dark, cap = ambient + diffuse == 0.0, colours[0]
-    for sample in range(len(depth)):
-        rx, ry, rz = rays[0, sample, first:last], rays[1, sample, first:last], rays[2, sample]
-        rz, near, shown = rz[first:last], depth[sample, first:last], seen[sample, first:last]
-        for k in range(len(near)):
-            dx, dy = rx[k], ry[k]
-            per_level = one / max(dx * dx + dy * dy, np.float32(1e-12))
-            middle = (x * dx + y * dy) * per_level
-            root = middle * middle - outside * per_level
-            half = math.sqrt(max(root, zero))
-            along_z = one / rz[k]
-            z0, z1 = base * along_z, top * along_z
-            into_z = min(z0, z1)
-            enter = max(middle - half, into_z)
-            leave = min(middle + half, max(z0, z1))
-            nearest = (root > 0.0) & (enter > 0.0) & (enter <= leave) & (enter < near[k])
-            facing = (enter * dx - x) * light_x + (enter * dy - y) * light_y
-            colour = pack(red, green, blue, ambient + diffuse * max(zero, facing))
-            colour = cap if (enter == into_z) | dark else colour
-            near[k] = enter if nearest else near[k]
-            shown[k] = colour if nearest else shown[k]
+    rx, ry, rz = rays[0, first:last], rays[1, first:last], rays[2, first:last]
+    near, shown = depth[first:last], seen[first:last]
+    for k in range(len(near)):
+        dx, dy = rx[k], ry[k]
+        per_level = one / max(dx * dx + dy * dy, np.float32(1e-12))
+        middle = (x * dx + y * dy) * per_level
+        root = middle * middle - outside * per_level
+        half = math.sqrt(max(root, zero))
+        along_z = one / rz[k]
+        z0, z1 = base * along_z, top * along_z
+        into_z = min(z0, z1)
+        enter = max(middle - half, into_z)
+        leave = min(middle + half, max(z0, z1))
+        nearest = (root > 0.0) & (enter > 0.0) & (enter <= leave) & (enter < near[k])
+        facing = (enter * dx - x) * light_x + (enter * dy - y) * light_y
+        colour = pack(red, green, blue, ambient + diffuse * max(zero, facing))
+        colour = cap if (enter == into_z) | dark else colour
+        near[k] = enter if nearest else near[k]
+        shown[k] = colour if nearest else shown[k]
 
 
 @njit(inline="always")

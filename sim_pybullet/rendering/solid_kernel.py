@@ -29,35 +29,14 @@ class SolidViews(NamedTuple):
     pixel_rad: np.ndarray
 
 
-class Canvas(NamedTuple):
-    """The part of a picture in which solids are seen, by ``samples`` rays per pixel.
-
-    ``rays`` (h, 3, samples, w) float32; ``depth`` (h, samples, w) float32 along them [m] and what
-    is ``seen`` there, uint32: the colour or the class of the nearest solid.
-    """
-
-    top: int
-    left: int
-    rays: np.ndarray
-    depth: np.ndarray
-    seen: np.ndarray
-
-
 @njit(parallel=True, nogil=True, cache=True)
 def draw_solids(pictures: np.ndarray, views: SolidViews) -> None:
     """Draw solids into pictures, (N, H, W, 3) uint8 RGB or (N, H, W, 1) uint8 classes.
 
     Edges of colours are blended over four rays per pixel; a class is that of one ray.
     """
-    labels = pictures.shape[3] == 1
     for i in prange(len(pictures)):
-        canvas = _look(views, np.int64(i), 1 if labels else 4)
-        for v in range(len(canvas.depth)):
-            picture = pictures[i, canvas.top + v, canvas.left :]
-            if labels:
-                _label(picture, canvas.depth[v], canvas.seen[v])
-            else:
-                _blend(picture, canvas.depth[v], canvas.seen[v])
+        _draw(pictures[i], views, np.int64(i))
 
 
 @njit(cache=True)
@@ -107,82 +86,87 @@ def in_sight(
 
 
 @njit(cache=True)
-def _look(views: SolidViews, i: np.int64, samples: int) -> Canvas:
-    """What one robot sees: colours by four rays per pixel, or classes by one."""
+def _draw(picture: np.ndarray, views: SolidViews, i: np.int64) -> None:
+    """Draw what one robot sees, row by row: what a row needs stays in the processor's cache."""
+    samples = 1 if picture.shape[2] == 1 else 4
     rows, boxes = _in_sight(views, i)
-    canvas = _canvas(boxes, views.directions[views.slots[i]], samples)
     light = _light(views, i) if samples > 1 else np.zeros(5)
-    colours = np.empty(3, np.uint32)
+    colours = np.empty((len(rows), 3), np.uint32)
+    top, bottom = len(picture), 0
     for k in range(len(rows)):
-        solid.face_colours(rows[k], light, colours)
+        solid.face_colours(rows[k], light, colours[k])
         if samples == 1:
-            colours[0] = colours[1] = colours[2] = np.uint32(rows[k, solid.KIND])
-        first, last = boxes[k, 2] - canvas.left, boxes[k, 3] + 1 - canvas.left
-        for v in range(boxes[k, 0] - canvas.top, boxes[k, 1] + 1 - canvas.top):
-            rays, depth, seen = canvas.rays[v], canvas.depth[v], canvas.seen[v]
-            if rows[k, solid.ROUND] > 0.0:
-                solid.meet_cylinder(rows[k], light, colours, rays, depth, seen, first, last)
-            else:
-                solid.meet_box(rows[k], colours, rays, depth, seen, first, last)
-    return canvas
+            colours[k] = np.uint32(rows[k, solid.KIND])
+        top, bottom = min(top, boxes[k, 0]), max(bottom, boxes[k, 1] + 1)
+    width, directions = picture.shape[1], views.directions[views.slots[i]]
+    rays = np.empty((3, width, samples), np.float32)  # of a row
+    flat = rays.reshape(3, -1)
+    depth = np.empty(samples * width, np.float32)  # along them [m]
+    seen = np.empty(samples * width, np.uint32)  # there: the nearest solid's colour or class
+    for v in range(top, bottom):
+        left, right = width, 0
+        for k in range(len(rows)):
+            if boxes[k, 0] <= v <= boxes[k, 1]:
+                left, right = min(left, boxes[k, 2]), max(right, boxes[k, 3] + 1)
+        _cast(directions, v, left, right, rays)
+        depth[samples * left : samples * right] = np.float32(solid.NO_HIT)
+        for k in range(len(rows)):
+            if boxes[k, 0] <= v <= boxes[k, 1]:
+                first, last = samples * boxes[k, 2], samples * (boxes[k, 3] + 1)
+                if rows[k, solid.ROUND] > 0.0:
+                    solid.meet_cylinder(rows[k], light, colours[k], flat, depth, seen, first, last)
+                else:
+                    solid.meet_box(rows[k], colours[k], flat, depth, seen, first, last)
+        if samples == 1:
+            _label(picture[v], depth, seen, left, right)
+        else:
+            _blend(picture[v], depth, seen, left, right)
 
 
 @njit(cache=True)
-def _canvas(boxes: np.ndarray, directions: np.ndarray, samples: int) -> Canvas:
-    """An empty canvas over all pixel boxes."""
-    top, left = directions.shape[1:]
-    bottom = right = -1
-    for box in boxes:
-        top, bottom = min(top, box[0]), max(bottom, box[1])
-        left, right = min(left, box[2]), max(right, box[3])
-    height, width = max(0, bottom + 1 - top), max(0, right + 1 - left)
-    depth = np.full((height, samples, width), np.float32(solid.NO_HIT))
-    seen = np.empty((height, samples, width), np.uint32)
-    rays = np.empty((height, 3, samples, width), np.float32)
-    spread = np.float32(0.125 if samples > 1 else 0.0)
-    for v in range(height):
-        for sample in range(samples):
-            a, b = np.float32(2 * (sample & 1) - 1), np.float32(2 * (sample >> 1) - 1)
-            for axis in range(3):
-                target = rays[v, axis, sample]
-                _cast(directions[axis], top + v, left, spread * a, spread * b, target)
-    return Canvas(top, left, rays, depth, seen)
+def _cast(directions: np.ndarray, v: int, left: int, right: int, rays: np.ndarray) -> None:
+    """The rays (3, W, s) through columns left..right - 1 of a row: its pixels' middles, or four
+    rays, each a quarter of a pixel aside and up or down."""
+    height, width = directions.shape[1:]
+    inner, outer = max(left, 1), min(right, width - 1)
+    for axis in range(3):
+        middle, target = directions[axis, v], rays[axis]
+        if target.shape[1] == 1:
+            target[left:right, 0] = middle[left:right]
+            continue
+        above, below = directions[axis, max(v - 1, 0)], directions[axis, min(v + 1, height - 1)]
+        here, high, low = middle[inner:outer], above[inner:outer], below[inner:outer]
+        after, before = middle[inner + 1 : outer + 1], middle[inner - 1 : outer - 1]
+        four = target[inner:outer]
+        for k in range(len(here)):  # slices from zero on, or this does not become SIMD code
+            _spread(here[k], after[k] - before[k], low[k] - high[k], four, k)
+        for u in (0, width - 1):
+            if left <= u < right:
+                across = middle[min(u + 1, width - 1)] - middle[max(u - 1, 0)]
+                _spread(middle[u], across, below[u] - above[u], target, u)
 
 
-@njit(cache=True, fastmath=True)
-def _cast(
-    directions: np.ndarray, v: int, first: int, a: np.float32, b: np.float32, rays: np.ndarray
+@njit(inline="always")
+def _spread(
+    middle: np.float32, across: np.float32, down: np.float32, rays: np.ndarray, u: int
 ) -> None:
-    """One component of the rays through a row's pixels, 2 a columns and 2 b rows aside."""
-    height, width = directions.shape
-    last = first + len(rays)
-    inner, outer = max(first, 1), min(last, width - 1)
-    middle, above, below = directions[v], directions[max(v - 1, 0)], directions[v]
-    if v + 1 < height:
-        below = directions[v + 1]
-    here, high, low = middle[inner:outer], above[inner:outer], below[inner:outer]
-    right, left = middle[inner + 1 : outer + 1], middle[inner - 1 : outer - 1]
-    target = rays[inner - first : outer - first]
-    for k in range(len(target)):  # slices from zero on, or this does not become SIMD code
-        target[k] = here[k] + a * (right[k] - left[k]) + b * (low[k] - high[k])
-    for u in (0, width - 1):
-        if first <= u < last:
-            aside = a * (middle[min(u + 1, width - 1)] - middle[max(u - 1, 0)])
-            rays[u - first] = middle[u] + aside + b * (below[u] - above[u])
+    across, down = np.float32(0.125) * across, np.float32(0.125) * down
+    rays[u, 0], rays[u, 1] = middle - across - down, middle + across - down
+    rays[u, 2], rays[u, 3] = middle - across + down, middle + across + down
 
 
 @njit(cache=True)
-def _blend(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
-    """Mix what four rays per pixel met with what is behind it, picture (>= w, 3)."""
+def _blend(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray, left: int, right: int) -> None:
+    """Mix what four rays per pixel met with what is behind it, picture (W, 3)."""
     byte, two = np.uint32(255), np.uint32(2)
-    for u in range(depth.shape[1]):
+    for u in range(left, right):
         bare = np.uint32(0)
         red = green = blue = two
-        for ray in range(4):
-            if depth[ray, u] < solid.NO_HIT:
-                red += seen[ray, u] & byte
-                green += seen[ray, u] >> np.uint32(8) & byte
-                blue += seen[ray, u] >> np.uint32(16)
+        for ray in range(4 * u, 4 * u + 4):
+            if depth[ray] < solid.NO_HIT:
+                red += seen[ray] & byte
+                green += seen[ray] >> np.uint32(8) & byte
+                blue += seen[ray] >> np.uint32(16)
             else:
                 bare += np.uint32(1)
         if bare < 4:
@@ -192,7 +176,7 @@ def _blend(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def _label(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
-    for u in range(depth.shape[1]):
-        if depth[0, u] < solid.NO_HIT:
-            picture[u, 0] = seen[0, u]
+def _label(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray, left: int, right: int) -> None:
+    for u in range(left, right):
+        if depth[u] < solid.NO_HIT:
+            picture[u, 0] = seen[u]

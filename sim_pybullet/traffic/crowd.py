@@ -239,9 +239,10 @@ class Crowd:
         or is: nobody drives through anybody."""
         cars = np.arange(self.ours, self.ours + self.drivers.poses.shape[1])
         touching = np.zeros(self.drivers.speeds_mps.shape, dtype=bool)
+        before_m, now_m = (np.moveaxis(each, -1, 0).copy() for each in (before_m, now_m))
         for there in (before_m, now_m):
             apart, were_apart = (
-                np.linalg.norm(there[:, None] - here[:, cars, None], axis=-1)
+                np.sqrt(((there[:, :, None] - here[:, :, cars, None]) ** 2).sum(axis=0))
                 for here in (now_m, before_m)
             )
             apart[:, np.arange(len(cars)), cars] = np.inf

@@ -102,8 +102,8 @@ class Streets:
         self.tile_m = np.array([road_map.tile_size_m for road_map in road_maps])
         rows = max(road_map.rows for road_map in road_maps)
         columns = max(road_map.columns for road_map in road_maps)
-        # Of each tile, from the south-west: its junction, `NO_JUNCTION` or `_NO_ROAD`.
-        self._tiles = np.full((len(road_maps), rows, columns), _NO_ROAD)
+        # Of each tile, from the south-west: its junction, `NO_JUNCTION` or, as around, `_NO_ROAD`.
+        self._tiles = np.full((len(road_maps), rows + 1, columns + 1), _NO_ROAD)
         for k, road_map in enumerate(road_maps):
             for tile in road_map.road_tiles:
                 self._tiles[k, road_map.rows - 1 - tile.row, tile.column] = NO_JUNCTION
@@ -121,13 +121,11 @@ class Streets:
         return np.maximum(self._under(maps, xy_m), NO_JUNCTION)
 
     def _under(self, maps: np.ndarray, xy_m: np.ndarray) -> np.ndarray:
-        grid = self._tiles
         maps = maps.reshape(-1, *[1] * (xy_m.ndim - 2))
-        tile = np.floor(np.nan_to_num(xy_m, nan=-1.0) / self.tile_m[maps][..., None]).astype(int)
-        column, row = tile[..., 0], tile[..., 1]
-        inside = (tile >= 0).all(axis=-1) & (row < grid.shape[1]) & (column < grid.shape[2])
-        found = grid[maps, np.where(inside, row, 0), np.where(inside, column, 0)]
-        return np.where(inside, found, _NO_ROAD)
+        most = np.array(self._tiles.shape[:0:-1]) - 1.0  # there, and at -1, is no road
+        tile = np.fmin(np.fmax(xy_m / self.tile_m[maps][..., None], -1.0), most)
+        column, row = np.moveaxis(np.floor(tile).astype(int), -1, 0)
+        return np.asarray(self._tiles[maps, row, column])
 
 
 def _places(road_map: RoadMap, found: Sequence[Path], objects: Sequence[MapObject]) -> Places:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +10,8 @@ from typing import Any, cast
 
 import pytest
 
+from robot.cli.install import SHIPPED_MODEL as LANE_KEEPER
+from robot.errors import ConfigError, ContractError
 from robot.output import write_json
 from robot.safety.state_machine import State
 from robot.typed_config import to_plain
@@ -18,7 +19,7 @@ from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
 from sim_pybullet.virtual.world import VirtualWorld
 from tools.faults import __main__ as faults
 from tools.faults import meet
-from tools.faults.case import Case, Outcome, nothing
+from tools.faults.case import Case, Outcome, case_of, sets
 from tools.faults.cli import FaultsOptions
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
@@ -47,85 +48,6 @@ SLOW_S = {
     "rolled": 6.0,
     "shifted": 6.0,
 }
-
-
-FAULT = Case("camera", "stops", "", nothing, threshold_s=0.2, says="frame")
-
-
-class Seen(Stage):
-    """A robot of which only is known when its motors stepped and what is shown; no bench."""
-
-    def __init__(self, steps_s: list[float], shown: tuple[str, str], healed: str = "") -> None:
-        self.bench = cast(Bench, SimpleNamespace(now_s=1000.0, town=SimpleNamespace(moved_s=0.0)))
-        self._steps_s, self._told, self._healed = steps_s, shown, healed
-        self._broken = ExitStack()
-        self.run(0.0)
-
-    def run(self, duration_s: float) -> None:
-        bench = cast(Any, self.bench)
-        bench.now_s += duration_s
-        bench.town.moved_s = max(s for s in (-1.0, *self._steps_s) if 1000.0 + s <= bench.now_s)
-        bench.town.moved_s += 1000.0
-
-    def recover(self) -> None:
-        self._told = (self._healed or self._told[0], self._told[1])
-
-    def _shown(self) -> tuple[str, str]:
-        return self._told
-
-
-def judged(case: Case, steps_s: list[float], state: str = "FAULT", healed: str = "") -> Outcome:
-    """What comes of a case with motor steps so long [s] after the fault."""
-    seen = Seen(steps_s, (state, "the newest frame is old"), healed)
-    return seen._meet(case, Outcome(case.family, case.name, case.what))
-
-
-def test_a_robot_must_stop_a_quarter_of_a_second_after_the_threshold() -> None:
-    right = judged(FAULT, [0.1, 0.449])
-    assert (right.problem, right.state) == ("", "FAULT")
-    assert right.stopped_s == pytest.approx(0.449)
-    assert judged(FAULT, [0.1, 0.451]).problem == "the last step came 251 ms after the threshold"
-    assert judged(replace(FAULT, moving=False), []).stopped_s is None
-
-
-def test_a_robot_that_stopped_must_stay_where_it_is_and_as_it_is() -> None:
-    assert judged(FAULT, [0.1, 1.3]).problem == "a motor stepped 0.05 s after mending"
-    for armed in ("READY", "AUTO", "MANUAL"):
-        assert judged(FAULT, [0.1], healed=armed).problem == f"it is {armed} after mending"
-    for stands in ("DISARMED", "HOLD", "FAULT"):
-        assert judged(FAULT, [0.1], healed=stands).problem == ""
-
-
-@pytest.mark.parametrize("state", ["DISARMED", "READY", "AUTO", "MANUAL", "HOLD"])
-def test_another_state_or_reason_than_the_cases_is_a_problem(state: str) -> None:
-    assert f"expected FAULT, shown is {state}: " in judged(FAULT, [0.1], state).problem
-    assert "a reason with 'link'" in judged(replace(FAULT, says="link"), [0.1]).problem
-    wrong = replace(FAULT, states=(state,))
-    assert f"expected {state}, shown is FAULT" in judged(wrong, [0.1]).problem
-
-
-def test_a_robot_that_must_drive_on_may_not_stand() -> None:
-    case = replace(FAULT, states=())
-    drives = judged(case, [0.1, 1.2], "AUTO")
-    assert (drives.problem, drives.stopped_s) == ("", None)
-    assert "it stands" in judged(case, [0.1, 0.9], "AUTO").problem
-    assert "expected AUTO, shown is HOLD" in judged(case, [0.1, 1.2], "HOLD").problem
-
-
-def test_who_may_drive_on_may_also_step_after_mending() -> None:
-    assert judged(replace(FAULT, states=("AUTO",)), [0.1, 1.3], "AUTO").problem == ""
-
-
-@pytest.mark.parametrize("restarted", [False, True])
-def test_armed_again_the_same_process_must_drive(
-    monkeypatch: pytest.MonkeyPatch, restarted: bool
-) -> None:
-    seen, robots = Seen([], ("AUTO", "")), [SimpleNamespace(alive=True) for _ in range(2)]
-    running: Any = {"robot": robots[0]}
-    monkeypatch.setattr(seen.bench, "processes", running, raising=False)
-    monkeypatch.setattr(seen, "ready", lambda: running.update(robot=robots[restarted]))
-    monkeypatch.setattr(seen, "drive_off", lambda: None)
-    assert seen._again_problem() == ("it had to be started again" if restarted else "")
 
 
 def test_every_case_has_its_own_name_and_states_that_exist() -> None:
@@ -173,6 +95,98 @@ def test_outcomes_are_read_again_as_they_were(tmp_path: Path) -> None:
     every = [STOPPED, ALIKE, DRIVES, FAILED]
     write_json(tmp_path / "faults.json", {"schema": 1, "outcomes": to_plain(every)})
     assert meet._done(tmp_path / "faults.json") == every
+
+
+@pytest.fixture
+def benches(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What is asked of each bench; on it the camera's cases fail, with FAULT."""
+    asked: list[Any] = []
+
+    class Quick:
+        def __init__(self, options: object, _: Path) -> None:
+            asked.append(options)
+
+        def __enter__(self) -> Quick:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def play(self, case: Case) -> Outcome:
+            wrong = "late" * (case.family == "camera")
+            return Outcome(case.family, case.name, case.what, state="FAULT", problem=wrong)
+
+    monkeypatch.setattr(meet, "Stage", Quick)
+    monkeypatch.setattr(meet, "expect_navigator", lambda _: None)
+    monkeypatch.setattr(meet, "OnnxSight", lambda _: None)
+    return asked
+
+
+def test_one_fault_that_is_not_met_ends_with_status_1(benches: list[Any], tmp_path: Path) -> None:
+    path, report = tmp_path / "faults.json", tmp_path / "faults.md"
+    options = FaultsOptions(Path("m.onnx"), family=("network",), json=path, report=report)
+    assert meet.meet(options) == 0
+    assert "camera stops" in report.read_text(encoding="utf-8"), "of what was not played"
+    assert meet.meet(replace(options, family=("network", "camera"))) == 1
+    played = {(outcome.family, outcome.name) for outcome in meet._done(path)}
+    every = {(case.family, case.name) for case in meet.every_case()}
+    assert played == {each for each in every if each[0] in ("network", "camera")}
+    assert len(benches) == 2, "what was met before is not met again"
+
+
+def test_a_fault_of_one_name_in_another_family_is_not_this_one(
+    benches: list[Any], tmp_path: Path
+) -> None:
+    path, options = tmp_path / "faults.json", FaultsOptions(Path("m.onnx"), family=("network",))
+    names = {case.name for case in meet.chosen(options)}
+    others = [Outcome("camera", name, "") for name in names]
+    write_json(path, {"schema": 1, "outcomes": to_plain(others)})
+    meet.meet(replace(options, json=path))
+    assert {(o.family, o.name) for o in meet._done(path)} >= {("network", name) for name in names}
+
+
+@pytest.mark.usefixtures("benches")
+def test_neither_the_model_nor_what_is_none_of_ours_is_written_over(tmp_path: Path) -> None:
+    model, odd = tmp_path / "m.onnx", tmp_path / "odd.json"
+    model.write_bytes(b"a model")
+    write_json(odd, {"rows": []})
+    options = FaultsOptions(model, family=("network",))
+    for path, wrong in ((model, replace(options, report=model)), (odd, replace(options, json=odd))):
+        told = path.read_bytes()
+        with pytest.raises(ConfigError):
+            meet.meet(wrong)
+        assert path.read_bytes() == told
+
+
+def test_a_policy_that_is_no_navigator_meets_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(meet, "_play", lambda *_: pytest.fail("it was played"))
+    with pytest.raises((ConfigError, ContractError)):
+        meet.meet(FaultsOptions(LANE_KEEPER, family=("network",)))
+
+
+def test_by_sight_alone_no_localizer_runs(benches: list[Any]) -> None:
+    for sight in (None, Path("s.onnx")):
+        meet.meet(FaultsOptions(Path("m.onnx"), family=("network",), sight=sight))
+    assert [bench.localizer for bench in benches] == [True, False]
+
+
+def test_an_act_or_a_look_of_the_table_is_one_of_the_case() -> None:
+    acts = {name: lambda _: "" for name in ("breaks", "sets_off", "nears", "looks")}
+    row = {"breaks": None, "before": "sets_off", "approach": "nears", "check": {"looks": None}}
+    case = case_of("camera", {"name": "n", "what": "w", **row}, acts)
+    assert (case.before, case.approach, case.states) == (
+        acts["sets_off"],
+        acts["nears"],
+        ("FAULT",),
+    )
+    assert len(case.check) == 1
+
+
+def test_what_is_set_for_a_fault_is_set_back() -> None:
+    stage = SimpleNamespace(part=SimpleNamespace(late_s=0.0))
+    with sets(cast(Stage, stage), "part", late_s=2.0):
+        assert stage.part.late_s == 2.0
+    assert stage.part.late_s == 0.0
 
 
 def test_what_the_table_calls_by_its_place_is_there() -> None:

@@ -1,5 +1,6 @@
 """Nobody reaches the page without its token, and no page of another site reaches it at all."""
 
+import socket
 from collections.abc import Iterator
 
 import pytest
@@ -19,9 +20,9 @@ async def hello(_: object) -> PlainTextResponse:
     return PlainTextResponse("hello")
 
 
-async def echo(socket: WebSocket) -> None:
-    await socket.accept()
-    await socket.send_text("hello")
+async def echo(live: WebSocket) -> None:
+    await live.accept()
+    await live.send_text("hello")
 
 
 def client(host: str = "127.0.0.1", base_url: str = ORIGIN) -> TestClient:
@@ -39,8 +40,8 @@ def known() -> Iterator[TestClient]:
 
 def websocket_opens(browser: TestClient, **headers: str) -> bool:
     try:
-        with browser.websocket_connect(LIVE, headers=headers) as socket:
-            return socket.receive_text() == "hello"
+        with browser.websocket_connect(LIVE, headers=headers) as live:
+            return live.receive_text() == "hello"
     except WebSocketDisconnect as error:
         return error.code != 1008  # against the rules: no reason to try again
 
@@ -56,7 +57,13 @@ def test_the_token_becomes_a_cookie_that_scripts_and_other_sites_cannot_use() ->
     assert browser.get("/").text == "hello"
 
 
-@pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/?token=s%C3%A9cret"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("/", "/?token=", "/?token=wrong", "/?token=s%C3%A9cret", "/?token=SECRET"),
+        *("/static/page.js", "/api/drives", "/api/drives/x/picture?t_s=0&token=wrong"),
+    ],
+)
 def test_without_the_token_nothing_is_shown(path: str) -> None:
     answer = client().get(path)
     assert answer.status_code == 401
@@ -70,6 +77,15 @@ def test_without_the_token_nothing_is_shown(path: str) -> None:
 def test_other_sites_can_neither_post_nor_listen(known: TestClient, origin: str) -> None:
     assert known.post("/", headers={"origin": origin}).status_code == 403
     assert not websocket_opens(known, origin=origin)
+
+
+def test_on_the_usual_port_no_name_that_begins_like_ours_is_ours() -> None:
+    browser = client(base_url="http://127.0.0.1")
+    assert browser.get("/?token=secret").status_code == 200
+    for ours in ("http://127.0.0.1", "https://127.0.0.1"):  # https: behind a proxy
+        assert browser.post("/", headers={"origin": ours}).status_code == 200
+    for theirs in ("http://127.0.0.1.evil.example", "https://127.0.0.1:8080"):
+        assert browser.post("/", headers={"origin": theirs}).status_code == 403
 
 
 def test_a_request_that_hides_its_origin_cannot_post(known: TestClient) -> None:
@@ -117,6 +133,12 @@ def test_a_wildcard_address_is_reached_by_number_but_not_by_any_name() -> None:
     assert client("0.0.0.0", "http://evil.example:8600").get("/?token=secret").status_code == 400
 
 
+def test_a_wildcard_address_is_reached_by_the_computers_own_names() -> None:
+    name = socket.gethostname().lower()
+    for own in (name, f"{name}.local"):
+        assert client("0.0.0.0", f"http://{own}:8600").get("/?token=secret").status_code == 200
+
+
 @pytest.mark.parametrize(
     ("listening", "host"),
     [
@@ -148,7 +170,9 @@ def test_two_monitors_of_one_computer_have_a_cookie_each(url: str, name: str) ->
 
 def test_every_answer_forbids_framing_and_foreign_code(known: TestClient) -> None:
     for answer in (known.get("/"), client().get("/")):
-        assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
+        policy = answer.headers["content-security-policy"].split("; ")
+        closed = {f"{what} 'none'" for what in ("frame-ancestors", "base-uri", "form-action")}
+        assert closed | {"default-src 'self'", "connect-src 'self'"} <= set(policy)
         assert answer.headers["x-content-type-options"] == "nosniff"
         assert answer.headers["referrer-policy"] == "no-referrer", "the address holds the token"
         assert answer.headers["cache-control"] == "no-store"

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 from robot.errors import ConfigError
 from robot.link.messages import FrameMessage, MissionStatus, Telemetry
+from robot.recording import topics
 from robot.recording.drive_file import DriveFile, Heard, picture
 from robot.recording.reader import Piece, read_samples
 from robot.safety.state_machine import Command
@@ -141,6 +143,11 @@ def test_a_drive_by_hand_is_recorded_with_its_wheels(tmp_path: Path) -> None:
     assert {sample.driver for sample in samples} == {"person"}
 
 
+def test_a_drive_by_hand_after_a_mission_is_none_of_its_drives(tmp_path: Path) -> None:
+    take(tmp_path, [by_hand(1.0), by_hand(1.1), replace(report(1.2, "arrived"), state="HOLD")])
+    assert [drive.phase for drive in list_drives(tmp_path)] == ["by hand"]
+
+
 def test_marks_are_seconds_since_the_first_report(tmp_path: Path) -> None:
     take(tmp_path, [*(report(10.0 + 0.1 * i) for i in range(50)), report(15.0, "arrived")])
     name = list_drives(tmp_path)[0].name
@@ -199,7 +206,31 @@ def test_a_folder_or_a_file_that_is_gone_keeps_no_drive_from_being_recovered(
 def test_other_files_are_no_drives(tmp_path: Path) -> None:
     (tmp_path / "notes.mcap").write_text("hello\n")
     (tmp_path / "empty.mcap").write_text("")
+    (tmp_path / "folder.mcap").mkdir()
     assert list_drives(tmp_path) == []
+
+
+def test_the_newest_drive_is_first(tmp_path: Path) -> None:
+    wall = iter((1.7e9, 1.7e9 + 0.4, 1.7e9 + 60.0))
+    recorder = DriveRecorder(tmp_path, lambda: next(wall))
+    for t_s in (1.0, 2.0, 3.0):
+        recorder.take(report(t_s))
+        recorder.take(report(t_s + 0.1, "stopped"))
+    names = [drive.name for drive in list_drives(tmp_path)]
+    assert len(names) == 3
+    assert names == sorted(names, reverse=True)
+
+
+@pytest.mark.parametrize("told", [b"null", b"[" * 100_000, b'{"path": ', b'{"state": "AUTO"}'])
+def test_a_drive_whose_reports_are_none_is_told_as_damaged(tmp_path: Path, told: bytes) -> None:
+    with (tmp_path / "odd.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel(topics.TELEMETRY.name, "json", schema_id=0)
+        writer.add_message(channel, 1, told, 1)
+        writer.finish()
+    with pytest.raises(ConfigError, match=r"odd\.mcap: a damaged drive"):
+        read_drive(tmp_path, "odd")
 
 
 @pytest.mark.parametrize("name", ["../secret", "nothing", "", "a" * 200])

@@ -1,5 +1,6 @@
 """What the monitor shows and logs, with clocks of our own."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -68,6 +69,20 @@ def test_the_limits_of_silence_are_told_to_the_figure() -> None:
         "localizer": 0.5,
         "answers": 1.0,
     }
+
+
+@pytest.mark.parametrize(("age_s", "told_s"), [(0.2, 0.2), (1.7, 1.7), (math.inf, None)])
+def test_a_robot_that_reports_but_answers_nobody_is_told(age_s: float, told_s: object) -> None:
+    world = World()
+    world.report("AUTO")
+    assert heard(world.state.snapshot(age_s))["answers"] == told_s
+
+
+def test_the_next_mission_is_logged_though_it_is_driven_as_well() -> None:
+    world = World()
+    for mission in ("m1", "m2"):
+        world.report("AUTO", mission=MissionStatus(mission, (1.0, 2.0), remaining_m=3.0))
+    assert world.texts()[1:] == ["mission to (1.00, 2.00) m: 3.0 m to drive"] * 2
 
 
 def test_old_and_doubled_reports_are_not_shown() -> None:

@@ -211,7 +211,7 @@ class Page:
         try:
             told = json.loads(text)["manual"]
             stick = None if told is None else Stick(*map(float, told))
-            if isinstance(told, str) or not all(abs(value) <= 1.0 for value in stick or ()):
+            if isinstance(told, (str, dict)) or not all(abs(value) <= 1.0 for value in stick or ()):
                 raise ValueError(told)
         except (ValueError, KeyError, TypeError, RecursionError):
             return  # not ours: an old page after an update

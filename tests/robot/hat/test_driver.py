@@ -481,3 +481,47 @@ def test_full_and_quarter_steps_turn_the_wheels_as_far() -> None:
             expected_m = 0.1 * (3.0 - WAKE_S)
             assert rig.driver.pose.x_m == pytest.approx(expected_m, abs=0.02)
             assert rig.rolled_m == pytest.approx([rig.driver.pose.x_m] * 2, abs=0.003)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError, MemoryError])
+def test_whatever_breaks_off_a_step_switches_off(error: type) -> None:
+    rig = make_rig()
+    rig.driver.open()
+    rig.drive(0.2, 0.2, 1.0)
+
+    def broken(_: object) -> None:
+        raise error("no step")
+
+    rig.driver._hat.move = broken  # type: ignore[method-assign]
+    with pytest.raises(error):
+        rig.drive(0.2, 0.2, 1.0)
+    assert not rig.hat.chip.outputs.any_high
+    with pytest.raises(HardwareError, match="the motors are off since: no step"):
+        rig.driver.pump(rig.clock.now())
+
+
+@pytest.mark.parametrize("after_s", [0.1, 0.4, 2.0])
+def test_a_robot_whose_motors_are_mended_stands_until_it_is_told_to_drive(after_s: float) -> None:
+    """In the first quarter of a second the coils were to change; then it drove."""
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, after_s)
+        with pytest.raises(HardwareError):
+            rig.driver.fail(HardwareError("the bus broke"))
+        rig.driver.mend()
+        counts = rig.driver.planner.counts
+        for _ in range(100):
+            rig.clock.sleep(0.01)
+            assert rig.driver.pump(rig.clock.now()) is None
+        assert rig.driver.planner.counts == counts
+        assert not rig.hat.chip.outputs.any_high
+
+
+def test_a_rotor_is_found_with_all_of_the_current() -> None:
+    rig = make_rig()
+    with rig.driver:
+        for _ in range(int(WAKE_S / 0.01) - 1):
+            rig.drive(0.2, 0.2, 0.01)
+            duties = [duty(rig.hat.chip.outputs, channel) for channel in (2, 7, 8, 13)]
+            assert max(duties) == 1.0
+            assert min(duties) > 0.9

@@ -1,3 +1,5 @@
+from itertools import product
+
 import pytest
 import smbus2
 from hypothesis import given
@@ -64,6 +66,42 @@ def test_a_stranger_is_left_alone_and_a_stuck_bus_is_told() -> None:
         Pca9685.probe(bus, (0x6F,), clock)
 
 
+def test_a_stranger_whose_registers_read_zero_is_left_alone_too() -> None:
+    """A chip of this kind never tells a prescaler below 3, and a stranger may tell anything."""
+
+    class Zeros(RealTimeClockChip):
+        def read(self, register: int, count: int) -> bytes:
+            return bytes(count)
+
+    bus = VirtualI2cBus()
+    bus.attach(Zeros())
+    assert Pca9685.find(bus, 0x6F, VirtualClock()) is None
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "told"),
+    [
+        (0x00, 0x30, "MODE1 = 0x20, got 0x30"),  # asleep
+        (0x00, 0x21, "MODE1 = 0x20, got 0x21"),  # answers to 0x70 as well
+        (0x01, 0x05, "MODE2 = 0x04, got 0x05"),  # what a stopped chip leaves its outputs at
+        (0xFE, 0x1E, "PRE_SCALE = 0x03, got 0x1E"),
+    ],
+)
+def test_any_other_mode_than_was_set_is_a_fault(register: int, value: int, told: str) -> None:
+    clock, bus = VirtualClock(), VirtualI2cBus()
+    bus.attach(Pca9685Registers(0x60, clock))
+    chip = Pca9685(bus, 0x60, clock)
+    chip.initialise()
+    chip.check()
+    if register == 0xFE:  # only while the oscillator sleeps
+        bus.write(0x60, b"\x00\x30")
+    bus.write(0x60, bytes((register, value)))
+    if register == 0xFE:
+        bus.write(0x60, b"\x00\x20")
+    with pytest.raises(HardwareError, match=told):
+        chip.check()
+
+
 def test_initialise_silences_a_chip_left_running_and_sets_the_fastest_pwm() -> None:
     clock, bus = VirtualClock(), WatchedBus()
     registers = Pca9685Registers(0x6F, clock)
@@ -87,11 +125,24 @@ def test_a_chip_is_off_until_any_output_is_set() -> None:
     bus.attach(Pca9685Registers(0x6F, clock))
     chip = Pca9685(bus, 0x6F, clock)
     chip.initialise()
-    for channel in range(16):
+    for channel, level in product(range(16), (0.01, 0.9)):
         chip.all_off()
         assert chip.is_off()
-        chip.set_channels(channel, [0.01])
+        chip.set_channels(channel, [level])
         assert not chip.is_off()
+
+
+def test_an_output_of_a_chip_that_was_reset_is_told_as_that() -> None:
+    clock, bus = VirtualClock(), VirtualI2cBus()
+    registers = Pca9685Registers(0x6F, clock)
+    bus.attach(registers)
+    chip = Pca9685(bus, 0x6F, clock)
+    chip.initialise()
+    chip.set_channels(3, [0.5])
+    chip.expect_channel(3, 0.5)
+    registers.power_cycle()
+    with pytest.raises(HardwareError, match="the chip was reset"):
+        chip.expect_channel(3, 0.5)
 
 
 @given(st.floats(0.0, 1.0))

@@ -163,3 +163,18 @@ def test_who_is_frozen_between_two_steps_goes_on_from_there() -> None:
     assert planner.deadline_s is None
     planner.set_speeds(5.0, WheelSpeeds(0.05, 0.05))
     assert planner.deadline_s == pytest.approx(5.0 + 0.4 / rate)
+
+
+@pytest.mark.parametrize(("late_full_steps", "stalls"), [(0.9, 0), (1.1, 1)])
+def test_a_field_that_stood_for_more_than_a_full_step_has_stopped_its_rotor(
+    late_full_steps: float, stalls: int
+) -> None:
+    planner = StepPlanner(CONFIG, 0.0)
+    planner.set_speeds(0.0, WheelSpeeds(0.2, 0.0))
+    step_times(planner, 2.0)
+    due_s = planner.deadline_s
+    assert due_s is not None
+    late_s = due_s + late_full_steps * full_step_m(CONFIG) / 0.2
+    planner.advance(late_s)
+    assert planner.stalls == stalls
+    assert speeds(planner, late_s)[0] == pytest.approx(CONFIG.start_stop_mps if stalls else 0.2)

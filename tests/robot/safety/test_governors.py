@@ -11,9 +11,19 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from robot.errors import ContractError
+from robot.errors import ConfigError, ContractError
 from robot.geometry import WheelSpeeds
-from robot.safety.governors import Cap, KeepApart, Lights, Road, StopLines, govern
+from robot.safety.governors import (
+    NOSE_M,
+    Cap,
+    FirstCome,
+    KeepApart,
+    Lights,
+    Road,
+    Rules,
+    StopLines,
+    govern,
+)
 from robot.safety.road_ahead import RoadAhead
 from robot.safety.wheel_limits import Drive
 
@@ -30,6 +40,15 @@ class Fixed(NamedTuple):
 
     def after(self, road: Road) -> "tuple[Fixed, Cap]":
         return self, self.cap
+
+
+class Counting(NamedTuple):
+    """A rule that remembers how often it was asked."""
+
+    asked: int = 0
+
+    def after(self, road: Road) -> "tuple[Counting, Cap]":
+        return Counting(self.asked + 1), Cap()
 
 
 CAPS = st.builds(Cap, st.floats(0.0, 1.0) | st.just(FREE), st.text(max_size=3))
@@ -399,3 +418,40 @@ def test_who_stood_goes_after_a_second_of_nothing_or_at_once_where_nothing_errs(
         rule, cap = rule.after(Road(0.1 * k, 0.0, 0.0, RoadAhead(FREE, sigma_m)))
         caps.append(cap.most_mps)
     assert caps == [0.0] * turns + [FREE] * (11 - turns)
+
+
+def test_what_a_rule_remembers_goes_on() -> None:
+    rules, _ = govern([Counting(), Counting(4)], Road(0.0, 0.0, FULL_MPS))
+    assert rules == (Counting(1), Counting(5))
+
+
+def test_the_rules_are_those_that_are_asked_for_and_no_others() -> None:
+    assert Rules().chain() == ()
+    assert Rules(stop_lines=True).chain() == (StopLines(),)
+    assert Rules(headway=True).chain() == (KeepApart(),)
+    assert Rules(True, True, True).chain() == (KeepApart(), StopLines(), FirstCome())
+    for stop_lines, headway in ((True, False), (False, True), (False, False)):
+        with pytest.raises(ConfigError, match=r"rules\.right_of_way"):
+            Rules(stop_lines, headway, right_of_way=True)
+
+
+def test_the_nose_is_where_it_was_measured() -> None:
+    assert NOSE_M == 0.066  # before the axle, as in the drawing
+
+
+def test_what_comes_at_nobody_knows_which_speed_is_stood_for() -> None:
+    _, cap = KeepApart().after(Road(0.0, 0.0, FULL_MPS, RoadAhead(1.0, 0.0, math.nan)))
+    assert cap.most_mps == 0.0
+
+
+@pytest.mark.parametrize("left_m", [0.059, 0.03, 0.0, -0.03])
+def test_at_a_red_light_it_stands_and_does_not_roll_back(left_m: float) -> None:
+    ahead = RoadAhead(line_m=left_m, red_light=True)
+    assert Lights().after(Road(0.0, 0.0, 0.0, ahead))[1].most_mps == 0.0
+
+
+def test_who_stands_at_a_line_stands_on_though_the_next_one_is_told() -> None:
+    rule: StopLines = StopLines()
+    for turn, line_m in enumerate((0.05, 0.05, 0.05, 0.6, 0.6, 0.6)):
+        rule, cap = rule.after(Road(0.1 * turn, 0.0, 0.0, RoadAhead(line_m=line_m)))
+    assert cap == Cap(0.0, "it stands at a stop line")

@@ -238,3 +238,22 @@ def test_it_says_whether_it_knows_who_is_inside(name: str, says: str) -> None:
     at = Junction(AtJunction(0, 5.0, "b"), (AtJunction(1, 0.0, name, inside=True),))
     _, cap = FirstCome().after(Road(5.0, 0.0, 0.0, RoadAhead(junction=at)))
     assert cap.reason.startswith(says)
+
+
+def test_who_is_inside_drives_out_whoever_else_is_there() -> None:
+    """Two that stood in the middle and waited for each other would stand there for ever."""
+    own, other = (AtJunction(arm, 0.0, name, inside=True) for arm, name in ((0, "a"), (1, "b")))
+    for others in ((other,), (replace(other, inside=False),), ()):
+        road = Road(9.0, 0.0, 0.2, RoadAhead(junction=Junction(own, others)))
+        assert FirstCome().after(road) == (FirstCome(), Cap())
+
+
+def test_of_two_of_one_name_who_face_each_other_neither_lets_itself_go_first() -> None:
+    own, other = AtJunction(0, 0.0, "duck"), AtJunction(2, 0.0, "duck")
+    rule: FirstCome = FirstCome()
+    for turn in range(20):
+        road = Road(0.1 * turn, 0.0, 0.0, RoadAhead(junction=Junction(own, (other,))))
+        after, cap = rule.after(road)
+        assert cap.most_mps == 0.0
+        assert isinstance(after, FirstCome)
+        rule = after

@@ -345,3 +345,25 @@ def test_what_is_too_old_or_of_the_future_says_so_with_its_age(name: str) -> Non
     assert future.startswith(f"{what} is dated in the future (-0.25 s): the clock jumped")
     (never,) = told(math.inf)
     assert never.startswith(f"{what} has not come yet")
+
+
+def test_between_two_turns_nothing_is_asked_that_comes_with_the_wish_to_drive() -> None:
+    """The first manual command and the mission come with the next turn of the loop."""
+    for wish, inputs in (
+        (Command.MANUAL, replace(GOOD, manual_age_s=None)),
+        (Command.AUTO, replace(GOOD, no_mission=True)),
+    ):
+        safety, clock = reached(State.READY)
+        safety.check(inputs)
+        assert safety.command(wish).accepted
+        clock.sleep(0.02)
+        assert safety.watch().state in MOVING
+
+
+def test_a_robot_that_may_never_drive_is_never_armed() -> None:
+    clock = FakeClock()
+    safety = Safety(clock, never="this is a dry run")
+    safety.check(GOOD)
+    assert safety.command(Command.ARM) == (False, "arm is refused: this is a dry run")
+    assert safety.verdict.state is State.DISARMED
+    assert safety.command(Command.STOP).accepted

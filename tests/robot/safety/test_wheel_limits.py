@@ -70,4 +70,4 @@ def test_what_is_not_finite_is_refused(broken: float) -> None:
         with pytest.raises(ContractError, match="expected two finite numbers"):
             limit_rate(STILL, wheels, 0.1)
     with pytest.raises(ContractError, match="expected a time step"):
-        limit_rate(STILL, STILL, -broken if broken > 0 else broken)
+        limit_rate(STILL, STILL, broken)
