@@ -13,7 +13,7 @@ from robot.navigation.path import PathBatch
 from sim_pybullet.scene import Mover
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic import drivers, ducks
-from sim_pybullet.traffic.ahead import AHEAD_M, NOTHING, STEP_M, meeting, nearest, steps_ahead
+from sim_pybullet.traffic.ahead import AHEAD_M, NOTHING, STEP_M, meeting, nearest
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
@@ -199,6 +199,8 @@ class Crowd:
         self, poses: np.ndarray, paths: PathBatch, arc_m: np.ndarray, velocities: np.ndarray
     ) -> Approach:
         """What all cars have ahead, ours at ``arc_m`` (G P,) of their paths first: (G, A)."""
+        from sim_pybullet.traffic.near import steps_ahead
+
         mine = np.concatenate((velocities, self.drivers.velocities), axis=1)
         everyone = np.concatenate((poses, self.drivers.poses), axis=1)  # who looks
         groups, cars = everyone.shape[:2]

@@ -13,11 +13,12 @@ from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from sim_pybullet.rendering.solid_geometry import solid_rows
-from sim_pybullet.traffic.ahead import AHEAD_M, meeting, nearest, steps_ahead
+from sim_pybullet.traffic.ahead import AHEAD_M, meeting, nearest
 from sim_pybullet.traffic.crowd import Approach, Crowd, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
+from sim_pybullet.traffic.near import steps_ahead
 from sim_pybullet.traffic.scenario import SCENARIOS_FOLDER, Scenario, load_scenario
 from sim_pybullet.traffic.streets import Layout, Streets, tours
 
