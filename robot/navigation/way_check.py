@@ -82,8 +82,8 @@ class WayCheck:
         """A mission begins: forget the way and the wheels; not how good the poses usually are."""
         self.doubt = WayDoubt()
         self._forget(math.inf)
-        self._learned = 0.0j  # sum of conj(led) * seen, over the ways that grew old
-        self._weight_m2 = 0.0  # and of their squares
+        self._learned, self._weight_m2 = 0.0j, 0.0  # sums of conj(led) * seen, led^2: of old ways
+        self._began = False  # whether the wheels stepped in this mission
 
     def stepped(self, now_s: float, odometry: Pose) -> None:
         """Where the robot is by its steps alone, from anywhere; for every tick."""
@@ -102,13 +102,15 @@ class WayCheck:
         row = np.array([captured_s, *seen, *self._stepped_to(captured_s), 0.0, 0.0])
         if len(self._rows):
             last = self._rows[-1]  # steps led on from there, in the headings that were seen
+            if not self._began and (last[_X:_LED_X] != row[_X:_LED_X]).any():
+                self._began, self._rows = True, self._rows[-1:]  # coils that come on swing wheels
             first, second = last[_SEEN_RAD] - last[_RAD], row[_SEEN_RAD] - row[_RAD]
             heading_rad = first + 0.5 * wrap_angle(second - first)
             turned = Pose(last[_LED_X], last[_LED_Y], heading_rad)
             row[_LED_X:] = turned.to_world(row[_X:_RAD] - last[_X:_RAD])
         self._rows = np.vstack((self._rows, row))
         self._forget(captured_s)
-        if len(self._rows) >= 2 * IN_A_ROW:
+        if self._began and len(self._rows) >= 2 * IN_A_ROW:
             self.doubt = self._judge()
         return self.doubt
 
@@ -157,10 +159,8 @@ class WayCheck:
         now, then = rows[-IN_A_ROW:], rows[:-IN_A_ROW]
         near = then[then[:, _TIME] >= rows[-1, _TIME] - MEMORY_S]
         worst, first = _in_a_row(_coarse(now, near))
-        stands = False
-        if first >= 0:
-            seen, led = _ways(near[first], rows[-1])
-            stands = bool(abs(seen) < 0.5 * abs(led))
+        seen, led = np.abs(_ways(near[first], rows[-1]) if first >= 0 else (0.0, 0.0))
+        stands = bool(seen < 0.5 * led)
         ahead = np.exp(1j * rows[:, _SEEN_RAD])  # a robot that stands has a heading, too
         speed = np.abs(_velocities(rows))
         changed = _between(np.cumsum(np.diff(speed, prepend=speed[0]) * ahead))

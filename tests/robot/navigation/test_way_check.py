@@ -124,6 +124,23 @@ def test_poses_that_drift_are_noticed_whatever_their_noise_and_the_motors_lag(li
         assert since_s <= 2.6, "a quarter of a second after they are 7 cm off"
 
 
+@pytest.mark.parametrize("swung", [(0.03, 0.0, 0.0), (0.011, 0.0, 0.3), (-0.02, -0.02, -0.3)])
+def test_what_coils_move_that_come_on_is_no_doubt(swung: Tuple[float, ...]) -> None:
+    """Rotors of 48 steps a turn swing by some of these before the first step is counted."""
+    way, rng, doubts = WayCheck(), np.random.default_rng(0), []
+    true, odometry = Pose(1.0, 1.0, 0.3), Pose(0.0, 0.0, 0.0)
+    for tick in range(70):
+        if tick == 34:
+            way.reset()
+        if tick == 40:
+            true = Pose(*(np.array(true) + swung))
+        if tick > 50:
+            true, odometry = true.moved(0.03, 0.0), odometry.moved(0.03, 0.0)
+        way.stepped(0.1 * tick, odometry)
+        doubts.append(way.see(0.1 * tick, Pose(*(np.array(true) + noisy(rng, 0.001)))))
+    assert max(max(doubt.fine, doubt.coarse) for doubt in doubts) < 0.3
+
+
 @pytest.mark.parametrize("turn", [-1.0, 1.0])
 def test_headings_that_turn_by_3_degrees_in_a_second(turn: float) -> None:
     since_s, _ = drive(drifting(turn_radps=turn * math.radians(3.0)), seconds=8.0)
