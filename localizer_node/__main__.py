@@ -110,12 +110,11 @@ def locate_command(arguments: argparse.Namespace) -> None:
 
 def _located(found: List["Detection"], arguments: argparse.Namespace) -> Dict[str, Any]:
     best = to_plain(found[0]) if found else {"confidence": 0.0}
-    keys = ("robot", "x_m", "y_m", "heading_rad", "confidence")
     return {
         "schema": 1,
         "inputs": {name: str(getattr(arguments, name)) for name in ("image", "calibration")},
         "found": bool(found),
-        **{key: best.get(key) for key in keys},
+        **{key: best.get(key) for key in ("robot", "x_m", "y_m", "heading_rad", "confidence")},
         "robots": [to_plain(d) for d in found],
     }
 

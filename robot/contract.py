@@ -20,6 +20,7 @@ FRAME_WIDTH_PX = 160  # camera frames are (FRAME_HEIGHT_PX, FRAME_WIDTH_PX, 3) u
 FRAME_HEIGHT_PX = 120
 PATH_POINTS = 10  # angles in path_input (paper A, section 3.3)
 PATH_ANGLE_LIMIT_RAD = math.pi / 4
+COMMANDS = 5  # that are told: longer ago, they are done, late as camera and motors may be
 LEAST_PROVEN, LEAST_FORETOLD = 0.8, 0.75  # of a taught policy, else the robot does not arm
 LEAST_STEERED = 40  # moments that it is asked about, where there was no twin to drive in
 T = TypeVar("T", bound="InFile")
@@ -72,6 +73,11 @@ class Stick(NamedTuple):
         """The stick that asks for these wheels."""
         twist = DRIVE.twist(wheels)
         return cls(twist.turn_radps / _FULL.turn_radps, twist.forward_mps / _FULL.forward_mps)
+
+
+def shares(wheels: Tuple[float, float]) -> Tuple[float, ...]:
+    """Rim speeds, left and right, as shares of the greatest of our actions, -1 to 1."""
+    return tuple(min(max(each / MAX_WHEEL_MPS, -1.0), 1.0) for each in wheels)
 
 
 def action_name(wheels: Tuple[float, float]) -> str:
@@ -158,15 +164,16 @@ class Proof:
 class PolicyContract(InFile):
     """Of every policy.
 
-    ONNX inputs: ``image`` uint8 (N, H, W, 3 frames) RGB and, when ``path_points`` > 0, ``path``
-    float32 (N, path_points) in [-1, 1]. Output: ``values`` float32 (N, actions); greedy is its
-    argmax.
+    ONNX inputs: ``image`` uint8 (N, H, W, 3 frames) RGB and, when ``told`` > 0, ``path`` float32
+    (N, told) in [-1, 1]: the path ahead, then the last commands. Output: ``values`` float32 (N,
+    actions); greedy is its argmax.
     """
 
     task: str  # lane, navigation, or another vehicle's
     algorithm: str
     image: ImageSpec = ImageSpec()
     path_points: int = 0
+    commands: int = 0  # of the last decisions, the oldest first, each as `shares`
     actions: ActionTable = FIVE_ACTIONS  # each the left and right rim speed [m/s]
     control_dt_s: float = CONTROL_DT_S
     frames: int = 1  # pictures behind each other along the colour axis, the newest last
@@ -191,6 +198,11 @@ class PolicyContract(InFile):
     def wheels(self, action: int) -> WheelSpeeds:
         """What the wheels do under an action."""
         return WheelSpeeds(*self.actions[action])
+
+    @property
+    def told(self) -> int:
+        """How many numbers the network gets beside the picture."""
+        return self.path_points + 2 * self.commands
 
     @property
     def picture_shape(self) -> Tuple[int, int, int]:

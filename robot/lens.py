@@ -140,18 +140,14 @@ def _fold_radius(distortion: Tuple[float, ...]) -> float:
 
 @dataclass(frozen=True)
 class Mount:
-    """Where the camera sits on the robot, and which way it looks.
-
-    ``pitch_rad`` is downward, ``yaw_rad`` leftward, ``roll_rad`` clockwise as the camera sees it
-    (its right side dips).
-    """
+    """Where the camera sits on the robot, and which way it looks."""
 
     height_m: float = 0.108
     forward_m: float = 0.066  # ahead of the wheel axle
     left_m: float = 0.0
-    pitch_rad: float = math.radians(19.15)
-    yaw_rad: float = 0.0
-    roll_rad: float = 0.0
+    pitch_rad: float = math.radians(19.15)  # downward
+    yaw_rad: float = 0.0  # leftward
+    roll_rad: float = 0.0  # clockwise as the camera sees it: its right side dips
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

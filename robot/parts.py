@@ -42,7 +42,7 @@ class Policy(Protocol):
     contract: PolicyContract  # what it sees and does
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
-        """(N, actions) for images (N, H, W, 3) and, when it navigates, paths (N, path_points)."""
+        """(N, actions) for images (N, H, W, 3) and what it is told beside them (N, told)."""
 
 
 class Guidance(NamedTuple):
@@ -96,6 +96,7 @@ class Tick:
     duration_s: float  # from its beginning to the wheels
     lag_s: float  # how late it began
     drive: Optional[Drive] = None  # what the wheels were asked for; None at rest
+    commands: Tuple[float, ...] = ()  # that the policy was told of, as `robot.contract.shares`
 
 
 class Subscriber(Protocol):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.contract import CONTROL_DT_S, ImageSpec
+from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, PATH_POINTS, ImageSpec
 from robot.errors import ConfigError, ContractError
 from robot.geometry import Pose
 from robot.inference.policy import Translator
@@ -24,7 +24,7 @@ class Observation(NamedTuple):
     """What the policies of M robots get."""
 
     image: np.ndarray  # (M, H, W, 3 F) uint8 RGB, the task's F last frames, the newest last
-    path: np.ndarray | None  # (M, 10) float32 where the task guides, see robot.navigation.path
+    path: np.ndarray | None  # (M, told) float32 beside it, see robot.contract.PolicyContract
 
 
 class Finished(NamedTuple):
@@ -62,6 +62,10 @@ class BatchWorld:
         translator: what every picture passes through before the policy sees it.
         sources: what tells robots on maps where they are.
         blank_in_junctions: pictures taken there are black, for policies and for sight.
+        commands: so many of its last commands each robot is told.
+
+    Attributes:
+        commands: (N, 2 K) these, the oldest first, as shares of the greatest wheel speed.
     """
 
     def __init__(
@@ -76,6 +80,7 @@ class BatchWorld:
         numbers: Sequence[int] | None = None,
         sources: PoseSources = ALWAYS,
         blank_in_junctions: bool = False,
+        commands: int = 0,
     ) -> None:
         image = image or ImageSpec()
         if not isinstance(image, ImageSpec):
@@ -99,7 +104,7 @@ class BatchWorld:
         self.guidance = None
         if task.guided:
             self.guidance = GuidanceFeed(n, sources, self._maps)
-        self._recorder = DriveRecorder(n)
+        self._recorder, self.commands = DriveRecorder(n), np.zeros((n, 2 * commands))
         self._looks = [NOMINAL] * n
 
     def close(self) -> None:
@@ -109,6 +114,11 @@ class BatchWorld:
     def seed(self, seed: int) -> None:
         """Begin the random numbers anew; the painted worlds stay as they are."""
         self._episodes.seed(seed)
+
+    @property
+    def told(self) -> int:
+        """How many numbers each robot gets beside the picture."""
+        return PATH_POINTS * self.task.guided + self.commands.shape[1]
 
     @property
     def poses(self) -> np.ndarray:
@@ -180,6 +190,10 @@ class BatchWorld:
     def _drive(self, actions: np.ndarray) -> np.ndarray:
         vehicle, collided = self.task.vehicle, np.zeros(self.n_robots, dtype=bool)
         rng, active = self._episodes.rng("motor"), self.active
+        shares = actions
+        if actions.ndim == 1:
+            shares = np.array(vehicle.actions)[actions] / MAX_WHEEL_MPS
+        self.commands = np.hstack((self.commands, shares))[:, 2:]
         self.task.think(self._town.poses)
         for k in range(PHYSICS_STEPS):
             twists = vehicle.step(actions, rng)
@@ -219,6 +233,7 @@ class BatchWorld:
             rngs = [self._episodes.own("pose", i) for i in robots.tolist()]
             self.guidance.begin(robots, looks, self._town.poses, hints, rngs)
         self._recorder.begin(robots)
+        self.commands[robots] = 0.0
         return robots
 
     def _observe(self, begun: np.ndarray | None = None) -> Observation:
@@ -233,6 +248,9 @@ class BatchWorld:
         if begun is None and self.guidance is not None:
             self.guidance.see(image[..., -3:], robots, self.feed.fresh, self.task.maps)
         path = None if self.guidance is None else self.guidance.path_inputs(self.task.paths)
+        if self.commands.size:
+            told = self.commands.astype(np.float32)
+            path = told if path is None else np.hstack((path, told))
         if path is not None and not everyone:
             path = path[robots]
         seen = Observation(image, path)

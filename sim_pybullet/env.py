@@ -9,7 +9,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from robot.contract import CONTROL_DT_S, PATH_POINTS, ImageSpec
+from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ConfigError, expect_between
 from robot.typed_config import from_plain, to_plain
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
@@ -25,12 +25,12 @@ def action_space(world: BatchWorld, continuous: bool = False) -> spaces.Space[An
     return spaces.Discrete(len(world.task.vehicle.actions))
 
 
-def observation_space(shape: tuple[int, ...], guided: bool) -> spaces.Space[Any]:
-    """Pictures of this shape (H, W, 3 F), beside them ``path`` in a Dict where a task guides."""
+def observation_space(shape: tuple[int, ...], told: int) -> spaces.Space[Any]:
+    """Pictures of this shape (H, W, 3 F), in a Dict with ``path`` where numbers are told, too."""
     image = spaces.Box(0, 255, shape, np.uint8)
-    if not guided:
+    if not told:
         return image
-    return spaces.Dict({"image": image, "path": spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)})
+    return spaces.Dict({"image": image, "path": spaces.Box(-1.0, 1.0, (told,), np.float32)})
 
 
 def start_poses(options: dict[str, Any] | None, n_robots: int) -> np.ndarray | None:
@@ -94,7 +94,7 @@ class DriveVectorEnv(VectorEnv[Any, Any, Any]):
         self, world: BatchWorld, render_mode: str | None = None, continuous: bool = False
     ) -> None:
         self.world, self.render_mode, self.num_envs = world, render_mode, world.n_robots
-        self.single_observation_space = observation_space(world.feed.shape, world.task.guided)
+        self.single_observation_space = observation_space(world.feed.shape, world.told)
         self.single_action_space = action_space(world, continuous)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -185,7 +185,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ) -> None:
         self.world = world
         self.render_mode = render_mode
-        self.observation_space = observation_space(world.feed.shape, world.task.guided)
+        self.observation_space = observation_space(world.feed.shape, world.told)
         self.action_space = action_space(world, continuous)
         self._window: Any = None  # matplotlib's picture
         self._seen = np.zeros((*world.feed.shape[:2], 3), np.uint8)

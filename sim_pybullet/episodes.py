@@ -96,22 +96,17 @@ def _streams(seed: int | tuple[int, int]) -> dict[str, np.random.Generator]:
 
 
 class DrawnEpisodes:
-    """Episodes without end, from random numbers that all robots share.
-
-    Attributes:
-        solids: what stands in each world of the town before the first episode.
-        reach_m: how far from the origin of their worlds solids may lie that come later [m].
-        numbers: (N,) int, of each robot's episode; below 0: none is left for it, and it has ended.
-    """
+    """Episodes without end, from random numbers that all robots share."""
 
     def __init__(
         self, road_maps: Sequence[Place], looks: Looks, n: int, seed: int, size: int, group: int = 1
     ) -> None:
         self._group, self._worlds = group, np.zeros(n, dtype=int)
         self._pool = LookPool(road_maps, looks, np.random.default_rng(seed), size)
+        # What stands in each world of the town before the first episode.
         self.solids: Sequence[Sequence[Solid]] = [w.scene.solids for w in self._pool.worlds]
-        self.reach_m = 0.0
-        self.numbers = np.zeros(n, dtype=int)
+        self.reach_m = 0.0  # from the origin of their worlds solids may lie that come later
+        self.numbers = np.zeros(n, dtype=int)  # of episodes; below 0: none is left, it has ended
         self.seed(seed)
 
     def seed(self, seed: int) -> None:

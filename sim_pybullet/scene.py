@@ -45,16 +45,13 @@ class Ground:
 
 @dataclass(frozen=True)
 class Solid:
-    """A box or an upright cylinder.
-
-    ``size_m`` is (length along heading, width, height); a cylinder's diameter is its length.
-    """
+    """A box or an upright cylinder."""
 
     shape: Literal["box", "cylinder"]
     x_m: float
     y_m: float
     heading_rad: float
-    size_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]  # along the heading (a cylinder's diameter), across, up
     rgb: tuple[float, float, float]
     kind: SemanticClass = SemanticClass.OBJECT
     base_m: float = 0.0  # height of its underside above the floor

@@ -23,7 +23,7 @@ class DuckpilotVecEnv(VecEnv):
         self._actions = np.zeros(world.n_robots, dtype=int)
         self.render_mode = "rgb_array"
         self.device = world.feed.device  # where pictures are tensors
-        seen = env.observation_space(world.feed.shape, world.task.guided)
+        seen = env.observation_space(world.feed.shape, world.told)
         super().__init__(world.n_robots, seen, env.action_space(world, continuous))
 
     def reset(self) -> Any:

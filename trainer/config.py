@@ -60,6 +60,7 @@ class RunConfig:
     translate: str | None = None  # an ONNX translator that every picture passes through
     lane: str = "outer"  # of a ring of road: driven the one way, the other, or both
     style: str = "race"  # of driving on tracks, see `sim_pybullet.tasks.track_racing.STYLES`
+    commands: int = 0  # so many of its last ones each robot is told
     start_spread: float = 1.0  # in training, see `sim_pybullet.tasks.navigation`, `track_racing`
     relit: bool = False  # whether episodes are seen under lights of their own in training
     true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.world`

@@ -43,7 +43,8 @@ def make_env(
         from sim_pybullet.rendering.torch_camera import TorchCamera
 
         camera = TorchCamera(image, robots, task.movers)
-    return DuckpilotVecEnv(BatchWorld(task, looks, image, seed, pool_size, camera, translator))
+    how = seed, pool_size, camera, translator
+    return DuckpilotVecEnv(BatchWorld(task, looks, image, *how, commands=config.commands))
 
 
 def draws_on_gpu(config: RunConfig) -> bool:

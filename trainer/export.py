@@ -77,6 +77,7 @@ def export_weights(folder: RunFolder, config: RunConfig, weights: Path, out: Pat
         algorithm=config.algorithm,
         image=config.image,
         path_points=spec.path_points,
+        commands=config.commands,
         actions=spec.actions,
         frames=spec.kind.frames,
         run=folder.path.resolve().name,
@@ -92,8 +93,8 @@ def export_weights(folder: RunFolder, config: RunConfig, weights: Path, out: Pat
 def export_network(network: nn.Module, contract: PolicyContract, path: Path) -> None:
     """Write a policy: ``image`` uint8 (N, H, W, 3) [, ``path``] -> ``values``."""
     inputs = {"image": torch.zeros((2, *contract.picture_shape), dtype=torch.uint8)}
-    if contract.path_points:
-        inputs["path"] = torch.zeros(2, contract.path_points)
+    if contract.told:
+        inputs["path"] = torch.zeros(2, contract.told)
     with atomically(path) as temporary:
         write_onnx(network, inputs, "values", contract, temporary)
 
@@ -170,8 +171,8 @@ def noise_seen(contract: PolicyContract, count: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(0)
     shape = (count, *contract.picture_shape)
     seen: dict[str, np.ndarray] = {"image": rng.integers(0, 256, shape, dtype=np.uint8)}
-    if contract.path_points:
-        seen["path"] = rng.uniform(-1.0, 1.0, (count, contract.path_points)).astype(np.float32)
+    if contract.told:
+        seen["path"] = rng.uniform(-1.0, 1.0, (count, contract.told)).astype(np.float32)
     return seen
 
 

@@ -38,8 +38,7 @@ def changed(settings: Settings, changes: Changes) -> Settings:
     new = {}
     for key, value in changes.items():
         expect_one_of("preset", key, names)
-        nested = isinstance(value, Mapping)
-        new[key] = changed(getattr(settings, key), value) if nested else value
+        new[key] = changed(getattr(settings, key), value) if isinstance(value, Mapping) else value
     return replace(settings, **new)  # type: ignore[type-var]
 
 

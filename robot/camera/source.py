@@ -22,14 +22,11 @@ from robot.errors import ContractError, HardwareError
 
 
 class Frame(NamedTuple):
-    """A picture (H, W, 3) uint8 RGB, its number, and when it was taken by a monotonic clock.
+    """A picture, its number, and when it was taken."""
 
-    Numbers grow by one or more; the same number is the same frame. A robot's is (120, 160, 3).
-    """
-
-    image: np.ndarray
-    sequence: int
-    time_s: float
+    image: np.ndarray  # (H, W, 3) uint8 RGB; a robot's is (120, 160, 3)
+    sequence: int  # grows by one or more; the same number is the same frame
+    time_s: float  # by a monotonic clock
 
 
 class Camera(Protocol):
@@ -84,14 +81,12 @@ class NewestFrame(Worker):
 
     An odd picture counts as none. A stream that ends is opened again with a growing wait, also when
     the computer has no descriptor left for it; meanwhile ``read`` gives the last frame, whose age
-    stops the robot. ``problem`` says what is wrong, "" while pictures come.
-
-    ``open_stream`` raises HardwareError; ``clock`` is monotonic [s].
+    stops the robot. ``open_stream`` raises HardwareError; ``clock`` is monotonic [s].
     """
 
     def __init__(self, open_stream: Callable[[], Stream], clock: Callable[[], float]) -> None:
         super().__init__("camera", JOIN_S)
-        self.problem = "the camera has not started"
+        self.problem = "the camera has not started"  # "" while pictures come
         self._open_stream = open_stream
         self._clock = clock
         self._frame: Optional[Frame] = None

@@ -55,14 +55,12 @@ RANGES.update(rev=(12.0, 2e4), s=(1e-6, 3600.0))
 
 @dataclass(frozen=True)
 class MotorConfig:
-    """Where one motor is plugged in, and whether its positive direction drives backwards.
-
-    ``gain`` is how far this wheel really rolls in a step, as a share of what ``wheel_radius_m``
-    says: no two wheels are equal. ``duckpilot calibrate trim`` finds it.
-    """
+    """Where one motor is plugged in, and whether its positive direction drives backwards."""
 
     port: Literal["M1M2", "M3M4"]
     reversed: bool = False
+    # How far this wheel really rolls in a step, as a share of what ``wheel_radius_m`` says: no two
+    # are equal. ``duckpilot calibrate trim`` finds it.
     gain: float = 1.0
 
     def __post_init__(self) -> None:
@@ -97,7 +95,13 @@ class HatConfig:
 
     def __post_init__(self) -> None:
         _expect(self.bus >= 0, "bus", "the number of /dev/i2c-<bus>", self)
-        self._check_addresses()
+        # The six address pins span 0x40-0x7F; 0x70 is the all-call address, 0x78 on reserved.
+        wrong = [f"0x{a:02X}" for a in self.addresses if not 0x40 <= a <= 0x77 or a == 0x70]
+        if wrong or not self.addresses:
+            raise ConfigError(
+                "addresses: expected at least one address, each 0x40 to 0x77 but not 0x70, got "
+                f"{', '.join(wrong) or 'none'}; the boards are sold as 0x6F or 0x60"
+            )
         for part in (self, self.drive):
             for name, value in vars(part).items():
                 if limits := RANGES.get(name.split("_")[-1]):
@@ -112,15 +116,6 @@ class HatConfig:
         if self.left.port == self.right.port:
             raise ConfigError(f"right.port: expected another port than left's {self.left.port}")
         self._check_bus_share()
-
-    def _check_addresses(self) -> None:
-        # The six address pins span 0x40-0x7F; 0x70 is the all-call address, 0x78 on reserved.
-        wrong = [f"0x{a:02X}" for a in self.addresses if not 0x40 <= a <= 0x77 or a == 0x70]
-        if wrong or not self.addresses:
-            raise ConfigError(
-                "addresses: expected at least one address, each 0x40 to 0x77 but not 0x70, got "
-                f"{', '.join(wrong) or 'none'}; the boards are sold as 0x6F or 0x60"
-            )
 
     def _check_bus_share(self) -> None:
         rate_hz = self.max_speed_mps / min(self.wheel_steps_m)

@@ -24,8 +24,7 @@ class MotorDriver:
 
     Used in a ``with`` block: entering finds the HAT, leaving brakes and switches every output off.
     A wheel speed counts for ``command_timeout_s``; then the robot ramps to a stop. Not for several
-    threads (``thread.MotorThread`` is). ``planner`` knows the steps so far; ``pose`` is where they
-    led, from where it was when last set.
+    threads (``thread.MotorThread`` is).
 
     HardwareError: from every method, when the HAT fails. All outputs are off by then, or the
     message says that they could not be switched off. The driver stays off until ``open``.
@@ -35,8 +34,8 @@ class MotorDriver:
         self.config = config
         self._hat = hat
         self._clock = clock
-        self.planner = StepPlanner(config, clock.now())
-        self.pose = Pose(0.0, 0.0, 0.0)
+        self.planner = StepPlanner(config, clock.now())  # knows the steps so far
+        self.pose = Pose(0.0, 0.0, 0.0)  # where they led, from where it was when last set
         self._command = STILL
         self._commanded_s = self._moved_s = self._checked_s = self._settled_s = clock.now()
         self._pulled_s: Optional[float] = None  # when the field turns to where the rotors belong

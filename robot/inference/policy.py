@@ -11,11 +11,12 @@ contract.
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, Dict, Literal, Optional, Tuple, Union
+from typing import Callable, Dict, Literal, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from robot.contract import (
+    COMMANDS,
     CONTROL_DT_S,
     MAX_WHEEL_MPS,
     MOST_ACTIONS,
@@ -51,25 +52,26 @@ class OnnxPolicy(Network[PolicyContract]):
         for what, got, valid in (
             ("seconds between decisions", contract.control_dt_s, (CONTROL_DT_S,)),
             ("path points", contract.path_points, (0, PATH_POINTS)),
+            ("commands", contract.commands, (0, COMMANDS)),
         ):
             if got not in valid:
                 told = f"expected {' or '.join(map(str, valid))} {what}, got {got}"
                 raise ContractError(f"{path}: {told}; train it again with this version")
-        follows = [Tensor("path", FLOATS, (None, contract.path_points))]
+        follows = [Tensor("path", FLOATS, (None, contract.told))]
         values = Tensor("values", FLOATS, (None, len(contract.actions)))
-        self.expect(contract.picture_shape, values, *(follows if contract.path_points else ()))
+        self.expect(contract.picture_shape, values, *(follows if contract.told else ()))
         ramp = np.linspace(0, 255, num=int(np.prod(contract.picture_shape)))
         image = ramp.astype(np.uint8).reshape(contract.picture_shape)
         for count in (2, 1):  # slow first calls and broken exports show here
-            paths = np.zeros((count, contract.path_points), np.float32)
+            paths = np.zeros((count, contract.told), np.float32)
             self.values(np.stack([image] * count), paths if paths.size else None)
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
         """What each action is worth: (N, actions) float32; the best is the greatest.
 
         ``images`` are (N, H, W, 3 frames) uint8 RGB, each of ``preprocess``, ``path`` (N,
-        path_points) float32 in [-1, 1] for a navigating policy, else None. ContractError: a wrong
-        shape or kind, or the network answered NaN or infinity.
+        told) float32 in [-1, 1] for a policy that is told anything, else None. ContractError: a
+        wrong shape or kind, or the network answered NaN or infinity.
         """
         values = self.answer(images, **self._checked_path(len(images), path))
         expected = (len(images), len(self.contract.actions))
@@ -82,14 +84,14 @@ class OnnxPolicy(Network[PolicyContract]):
         return values
 
     def _checked_path(self, count: int, path: Optional[np.ndarray]) -> Dict[str, np.ndarray]:
-        points = self.contract.path_points
+        points = self.contract.told
         if points == 0 and path is None:
             return {}
         if path is not None and points:
             path = np.ascontiguousarray(path, dtype=np.float32)
             if path.shape == (count, points) and (np.abs(path) <= 1.0).all():  # no NaN either
                 return {"path": path}
-        expected = f"({count}, {points}) float32 in [-1, 1], of path_input" if points else "no path"
+        expected = f"({count}, {points}) float32 in [-1, 1]" if points else "no path"
         got = "none" if path is None else f"{np.shape(path)} {np.asarray(path).tolist()}"
         told = f"{self.path.name} is a {self.contract.task} policy"
         raise ContractError(f"path: expected {expected}, got {got}; {told}")
@@ -116,18 +118,27 @@ def _check_actions(
         raise ContractError(f"{path}: expected {expected}, got {table.tolist()}; {told}")
 
 
+AT_REST = (0.0,) * (2 * COMMANDS)
+
+
 def values_of(
-    policy: Policy, image: Optional[np.ndarray], path: Optional[np.ndarray]
+    policy: Policy,
+    image: Optional[np.ndarray],
+    path: Optional[np.ndarray],
+    commands: Sequence[float] = AT_REST,
 ) -> Optional[np.ndarray]:
     """What the policy thinks of each action (actions,), perhaps not finite.
 
     None without a frame ``image`` (120, 160, 3) uint8, or without the ``path`` (path_points,) of a
-    mission where the policy follows one. ContractError: the policy answered in another shape.
+    mission where the policy follows one. ``commands`` are the last ones, the oldest first, as
+    `robot.contract.shares`. ContractError: the policy answered in another shape.
     """
     contract = policy.contract
     if image is None or (contract.path_points and path is None):
         return None
-    paths = path[None] if path is not None and contract.path_points else None
+    way = path if path is not None and contract.path_points else ()
+    told = np.array([[*way, *commands[: 2 * contract.commands]]], np.float32)
+    paths = told if contract.told else None
     values = np.asarray(policy.values(preprocess(image, contract.image)[None], paths))
     expected = (1, len(contract.actions))
     if values.shape != expected:

@@ -105,8 +105,7 @@ def load_keys(folder: Union[str, Path]) -> Keys:
 
 
 def _write(path: Path, role: str, key: bytes, mode: int = 0o644) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(descriptor, "wb") as file:
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
         file.write(b"%s %s\n" % (role.encode("ascii"), key))
 
 

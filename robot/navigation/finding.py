@@ -23,14 +23,12 @@ UNSEEN = 8.0  # counts for a picture without a road: one second of such is stran
 
 
 class Finding:
-    """Of one robot, by the filter that ``fix`` corrects.
-
-    ``learned``: it knows its wheels, as it drove on until it was sure. ``strange``: how little of
-    late its pictures show the lane that the map has where it believes to be, see `STRANGE`.
-    """
+    """Of one robot, by the filter that ``fix`` corrects."""
 
     def __init__(self, graph: LaneGraph, fix: SightFix) -> None:
-        self.learned, self.strange = False, 0.0
+        self.learned = False  # it knows its wheels, as it drove on until it was sure
+        # how little of late its pictures show the lane that the map has where it believes to be
+        self.strange = 0.0
         self._graph, self._fix = graph, fix
         self._search: Optional[Whereabouts] = None  # before any place is known
         self._way = WayOn(graph)
@@ -57,7 +55,10 @@ class Finding:
         (far,) = self._fix.see(seen, np.ones(1, dtype=bool), now_s).tolist()
         if self._known:
             self._search = None
-            self._compare(far)
+            road = self._fix.views[0].at(*self._fix.fusion.poses[0].tolist())
+            if road is not None and not road.in_junction:  # there no lane is marked
+                far = UNSEEN if math.isnan(far) else min(far, self._fix.fusion.config.gate)
+                self.strange += WEIGHT * (far - self.strange)
         elif self._search is None:
             self._search = Whereabouts(self._graph, self._fix.views[0])
         else:
@@ -74,13 +75,6 @@ class Finding:
         if not driving:  # somebody may carry it
             self._way.lay(Pose(*self._fix.fusion.poses[0].tolist()))
         return self._way.on(self._fix, now_s)
-
-    def _compare(self, far: float) -> None:
-        """Of junctions nothing is told: no lane is marked there."""
-        road = self._fix.views[0].at(*self._fix.fusion.poses[0].tolist())
-        if road is not None and not road.in_junction:
-            far = UNSEEN if math.isnan(far) else min(far, self._fix.fusion.config.gate)
-            self.strange += WEIGHT * (far - self.strange)
 
     @property
     def _known(self) -> bool:

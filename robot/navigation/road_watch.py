@@ -61,8 +61,7 @@ class LaneWatch:
         if glimpsed is not None:
             seen, taken_s = glimpsed
             self._way.see(seen, self._driven_m, taken_s)
-        ahead = self._way.ahead(self._driven_m, now_s)
-        return Guidance(ahead=ahead, driven_m=self._driven_m)
+        return Guidance(ahead=self._way.ahead(self._driven_m, now_s), driven_m=self._driven_m)
 
 
 class RoadWatch:

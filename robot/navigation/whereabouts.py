@@ -94,10 +94,7 @@ class WayOn:
 
 
 class Whereabouts:
-    """Looks for a robot's place on the map of a graph, and meanwhile drives on.
-
-    ``places`` fit what was seen; ``junctions`` were crossed by the hypotheses that it drove on by.
-    """
+    """Looks for a robot's place on the map of a graph, and meanwhile drives on."""
 
     def __init__(self, graph: LaneGraph, view: LaneView) -> None:
         self._view = view
@@ -114,10 +111,10 @@ class Whereabouts:
         self._fusion.put(np.arange(len(poses)), poses, (_FIRST[0], _FIRST[0], _FIRST[2]))
         self._weights = np.zeros(len(poses))  # logarithms, the greatest 0
         self._alive = np.ones(len(poses), dtype=bool)
-        self._turn = self.junctions = 0
+        self._turn = self.junctions = 0  # the latter crossed by hypotheses that it drove on by
         self._driven_m, self._crossing, self._vain = 0.0, False, False
         self._looked_m = np.full(len(poses), -math.inf)  # the way that each had driven then
-        self.places = len(poses)
+        self.places = len(poses)  # that fit what was seen
         self._told = np.full(len(poses), -math.inf)  # of the newest picture that each looked at
         self._leader: Optional[int] = None  # as if it were there, it drives on
         self._way, self._kinds = WayOn(graph), np.zeros(len(KINDS))

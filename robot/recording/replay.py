@@ -14,7 +14,7 @@ import numpy as np
 
 from robot.contract import MAX_WHEEL_MPS, PolicyContract, action_name
 from robot.errors import ContractError
-from robot.inference.policy import best_action, open_policy, values_of
+from robot.inference.policy import AT_REST, best_action, open_policy, values_of
 from robot.parts import Policy
 from robot.recording.drive_file import MODEL, TRANSLATOR, arithmetic
 from robot.recording.reader import PathLike, read_about, read_attachment, read_turns
@@ -79,7 +79,7 @@ def _decision(made: Replayed, policy: Policy, turn: Turn, image: Optional[np.nda
     if image is None:
         return ["its frame was not recorded"]
     path = None if turn.path is None else np.array(turn.path, np.float32)
-    values = values_of(policy, image, path)
+    values = values_of(policy, image, path, turn.commands or AT_REST)
     if values is None:
         return ["decided without the path that its policy follows"]
     recorded, action = np.array(turn.values, np.float32), best_action(values)

@@ -54,6 +54,7 @@ class Turn:
     frame: Optional[int] = None  # number of the frame it saw
     frame_time_s: Optional[float] = None
     path: Optional[Numbers] = None  # (path_points,) float32, what the policy was told of the way
+    commands: Optional[Numbers] = None  # and of its last commands, as `robot.contract.shares`
     values: Optional[Numbers] = None  # (actions,) float32, what it answered
     margin: Optional[float] = None  # of the best value over the second
     action: Optional[int] = None
@@ -97,6 +98,7 @@ class Turn:
             frame=None if frame is None else frame.sequence,
             frame_time_s=None if frame is None else frame.time_s,
             path=None if path is None else tuple(path.tolist()),
+            commands=tick.commands or None,
             values=None if values is None else tuple(values.tolist()),
             margin=None if values is None else float(np.diff(np.sort(values)[-2:])[0]),
             action=tick.action,

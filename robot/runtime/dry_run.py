@@ -58,9 +58,8 @@ class _StraightPath:
 def dry_runtime(model: Path) -> Runtime:
     """A runtime in AUTO on noise pictures; ContractError for a model without a contract."""
     clock = MonotonicClock()
-    safety = Safety(clock.now, PATIENT)
     runtime = Runtime(
-        *(_NoiseCamera(clock), OnnxPolicy(model), _NoMotors(), safety, clock),
+        *(_NoiseCamera(clock), OnnxPolicy(model), _NoMotors(), Safety(clock.now, PATIENT), clock),
         navigator=_StraightPath(),
         eyes=PictureDoubts(),
     )

@@ -13,7 +13,7 @@ import numpy as np
 
 from robot.camera.source import Camera, Frame
 from robot.computer.clock import Clock
-from robot.contract import CONTROL_DT_S
+from robot.contract import CONTROL_DT_S, shares
 from robot.errors import ContractError, HardwareError
 from robot.geometry import STILL, WheelSpeeds
 from robot.inference.policy import best_action, values_of
@@ -69,6 +69,7 @@ class Runtime:
         self._every_rule = self._rules = tuple(rules)
         self._number = 0
         self._wheels = STILL
+        self._commands = (0.0,) * (2 * policy.contract.commands)  # told to it, the oldest first
         self._drove: Optional[Drive] = None  # in this turn
         self._sent_s = clock.now()
         self._resting: Optional[State] = None  # the state that the motors were last put to rest in
@@ -103,7 +104,8 @@ class Runtime:
             guidance = self._try(Reason.NAVIGATOR, self._navigator.look, began_s)
         way = guidance or Guidance()
         image = None if frame is None else frame.image
-        values = self._try(Reason.POLICY, values_of, self._policy, image, way.path)
+        asked = (self._policy, image, way.path, self._commands)
+        values = self._try(Reason.POLICY, values_of, *asked)
         action = best_action(values)
         self._drove, sight = None, None
         if self._eyes is not None:
@@ -114,9 +116,10 @@ class Runtime:
         duration_s = self._clock.now() - began_s
         tick = Tick(
             *(self._number, began_s, frame, values, action, self._wheels, self.safety.verdict),
-            *(inputs or Inputs(math.inf), guidance, duration_s, lag_s, self._drove),
+            *(inputs or Inputs(math.inf), guidance, duration_s, lag_s, self._drove, self._commands),
         )
         self._number += 1
+        self._commands = (*self._commands, *shares(self._wheels))[2:]
         for subscriber in self._subscribers:
             self._try(Reason.SUBSCRIBER, subscriber.on_tick, tick)
         return tick

@@ -78,11 +78,7 @@ class SafetyLimits:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the gates look at. An age is infinite until its input has come once.
-
-    ``pose_age_s`` is None unless the robot navigates, ``link_age_s`` is None when it was started
-    without a link, ``manual_age_s`` is None until a person has driven by hand.
-    """
+    """What the gates look at. An age is infinite until its input has come once."""
 
     frame_age_s: float
     frame_repeats: int = 0  # new frames in a row, each with the bytes of the one before
@@ -90,10 +86,10 @@ class Inputs:
     still_s: float = 0.0  # since the picture last changed or the wheels stood
     picture_wrong: str = ""  # what is wrong with the pictures, in words; "" is nothing
     values_finite: bool = True  # the policy gave a number for every action
-    pose_age_s: Optional[float] = None
+    pose_age_s: Optional[float] = None  # None unless the robot navigates
     pose_within: Optional[Tuple[float, float]] = None  # 95 % sure [m], [rad]; without sight None
-    link_age_s: Optional[float] = None
-    manual_age_s: Optional[float] = None
+    link_age_s: Optional[float] = None  # None when it was started without a link
+    manual_age_s: Optional[float] = None  # None until a person has driven by hand
     no_mission: bool = False
     off_path: bool = False
     off_map: bool = False

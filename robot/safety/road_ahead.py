@@ -12,16 +12,11 @@ from robot.errors import ContractError
 
 @dataclass(frozen=True)
 class AtJunction:
-    """One robot at a junction: at its line, or inside.
+    """One robot at a junction: at its line, or inside."""
 
-    ``arm``: where it came from, 0 to 3 counter-clockwise; the next one is on its right.
-    ``arrived_s``: since when it stands at its line, on the clock of who tells. ``name``: "" is
-    whoever may be there, where nobody tells.
-    """
-
-    arm: int
-    arrived_s: float
-    name: str
+    arm: int  # where it came from, 0 to 3 counter-clockwise; the next one is on its right
+    arrived_s: float  # since when it stands at its line, on the clock of who tells
+    name: str  # "" is whoever may be there, where nobody tells
     inside: bool = False
 
 
@@ -35,16 +30,12 @@ class Junction:
 
 @dataclass(frozen=True)
 class RoadAhead:
-    """What lies before the robot; the defaults are an empty road.
+    """What lies before the robot: an empty road; ContractError for a deviation below 0."""
 
-    ``free_m``: from the nose, along the own lane, to the nearest thing on it [m]; below 0 or NaN
-    the robot must stand. ``free_sigma_m``: its standard deviation. ``coming_mps``: how fast the
-    thing itself comes nearer; below 0 it goes away. ContractError for a deviation below 0.
-    """
-
+    # From the nose, along the own lane, to the nearest thing on it; below 0 or NaN it must stand.
     free_m: float = math.inf
-    free_sigma_m: float = 0.0
-    coming_mps: float = 0.0
+    free_sigma_m: float = 0.0  # standard deviation of that
+    coming_mps: float = 0.0  # how fast the thing itself comes nearer; below 0 it goes away
     line_m: Optional[float] = None  # from the nose to the next red line; None: none is known
     red_light: bool = False  # at that line; False where none is told, too
     junction: Optional[Junction] = None

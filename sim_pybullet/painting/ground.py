@@ -122,25 +122,16 @@ def _light(tiles: tuple[int, ...], size: int, look: GroundLook) -> np.ndarray:
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True)
 def _compose(
-    index: np.ndarray,
-    paints: np.ndarray,
-    bases: np.ndarray,
-    colours: np.ndarray,
-    seams: np.ndarray,
-    grain: np.ndarray,
-    kept: np.ndarray,
-    brightness: np.ndarray,
+    index: np.ndarray,  # (rows, columns) integers, which of the K tile pictures lies where
+    paints: np.ndarray,  # (K, T, T, 3) uint8 coverage of the three paints
+    bases: np.ndarray,  # (K, 3) float32, ground of each tile
+    colours: np.ndarray,  # (3, 3) float32, colour of each paint
+    seams: np.ndarray,  # (K, T, T) float32, darkening at the joints [grey levels]
+    grain: np.ndarray,  # (S, S) float32, S a power of two: noise [grey levels]
+    kept: np.ndarray,  # (S, S) float32: share of paint left
+    brightness: np.ndarray,  # (rows * T, columns * T) float32 factor
 ) -> np.ndarray:
-    """Asphalt, joints, paint and wear over each other: (rows * T, columns * T, 3) uint8 RGB.
-
-    Args:
-        index: (rows, columns) integers, which of the K tile pictures lies where.
-        paints: (K, T, T, 3) uint8 coverage of the three paints.
-        bases, colours: (K, 3) and (3, 3) float32, ground of each tile and colour of each paint.
-        seams: (K, T, T) float32, darkening at the joints [grey levels].
-        grain, kept: (S, S) float32, S a power of two: noise [grey levels], share of paint left.
-        brightness: (rows * T, columns * T) float32 factor.
-    """
+    """Asphalt, joints, paint and wear over each other: (rows * T, columns * T, 3) uint8 RGB."""
     size = paints.shape[1]
     mask = grain.shape[0] - 1
     height, width = brightness.shape

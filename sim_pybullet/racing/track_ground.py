@@ -119,11 +119,8 @@ def locate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Offset from the centre line and arc length of each texel, both (H, W) float32.
 
-    Args:
-        points: (M, 4) x, y, heading and arc length of the centre line, evenly spaced.
-        shape: (H, W); row 0 is at the north edge, column 0 at x = 0.
-        north, texel: y of the north edge and size of a texel.
-        reach: beyond this distance the offset is FAR.
+    ``points`` (M, 4) are x, y, heading and arc length of the centre line, evenly spaced. Row 0 is
+    at y = ``north``, column 0 at x = 0. Beyond ``reach`` the offset is FAR.
     """
     height, width = shape
     offset, arc = np.full(shape, FAR, np.float32), np.zeros(shape, np.float32)
@@ -161,26 +158,18 @@ def _band(x: float, low: float, high: float, texel: float) -> float:
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True)
 def lay(
-    offset: np.ndarray,
-    arc: np.ndarray,
-    bends: np.ndarray,
-    colours: np.ndarray,
+    offset: np.ndarray,  # (H, W) as of ``locate``
+    arc: np.ndarray,  # (H, W) likewise
+    bends: np.ndarray,  # (M,) bool, whether there are kerbs at the centre line's points
+    colours: np.ndarray,  # (7, 3) float32, rows as named above
+    # half width, verge, edge line, kerb, length of a kerb stone, centre line, its dashes' period,
+    # point spacing, texel
     sizes: np.ndarray,
-    grain: np.ndarray,
-    kept: np.ndarray,
-    brightness: np.ndarray,
+    grain: np.ndarray,  # (S, S) float32, S a power of two: noise [grey levels]
+    kept: np.ndarray,  # (S, S) float32: share of paint left
+    brightness: np.ndarray,  # (H, W) float32 factor
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (H, W, 3) uint8 and classes (H, W) uint8 of a track's ground.
-
-    Args:
-        offset, arc: (H, W) as of ``locate``.
-        bends: (M,) bool, whether there are kerbs at the centre line's points.
-        colours: (7, 3) float32, rows as named above.
-        sizes: half width, verge, edge line, kerb, length of a kerb stone, centre line, its dashes'
-            period, point spacing, texel.
-        grain, kept: (S, S) float32, S a power of two: noise [grey levels], share of paint left.
-        brightness: (H, W) float32 factor.
-    """
+    """Colours (H, W, 3) uint8 and classes (H, W) uint8 of a track's ground."""
     half, verge, line, kerb, stone, middle, period, spacing, texel = sizes
     height, width = offset.shape
     rgb, classes = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.uint8)

@@ -15,18 +15,13 @@ HALF = np.uint64(128 | 128 << 24 | 128 << 44)
 
 
 class FloorViews(NamedTuple):
-    """What N robots look at.
+    """What N robots look at."""
 
-    ``placed`` (N, 4) float64 is where they stand in the texture: column and row of the robot's
-    origin [texels], cosine and sine of its heading. ``slots`` (N,) names their floor tables, which
-    are one ``FloorTable`` of arrays (S, ...); ``addresses`` (N,) and ``levels`` (N, L, 3) are
-    of `mip_texture`.
-    """
-
+    # (N, 4) float64: column and row of the robot's origin [texels], cosine and sine of its heading
     placed: np.ndarray
-    slots: np.ndarray
-    addresses: np.ndarray
-    levels: np.ndarray
+    slots: np.ndarray  # (N,) their floor tables, which are one ``FloorTable`` of arrays (S, ...)
+    addresses: np.ndarray  # (N,) of `mip_texture`
+    levels: np.ndarray  # (N, L, 3) likewise
 
 
 @intrinsic

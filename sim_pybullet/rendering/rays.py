@@ -28,27 +28,22 @@ _KEPT: WeakKeyDictionary[Scene, dict[tuple[CameraRig, ImageSpec], Background]] =
 
 @dataclass(frozen=True)
 class PixelRays:
-    """Unit directions (H, W, 3) float32 in the robot frame.
+    """Where the pixels of a picture look, in the robot frame."""
 
-    Where the lens has no such pixel ``seen`` (H, W) is False and the direction straight up.
-    """
-
-    directions: np.ndarray
-    seen: np.ndarray
+    directions: np.ndarray  # (H, W, 3) float32, unit; straight up where nothing is seen
+    seen: np.ndarray  # (H, W) bool: the lens has such a pixel
 
 
 class FloorTable(NamedTuple):
     """The floor points of P = H * W pixels, in texels of the mip level that each is read from.
 
     A pixel averages ``taps`` samples at (x + k * dx, y + k * dy), k = 0, 1, …: robot frame, x
-    forward and y left. ``points`` (4, P) float32 are x, y, dx and dy. ``runs`` (R, 4) int32 cuts
-    each row into first pixel, last pixel + 1, level and log2(taps); what no run covers is sky. Row
-    r has the runs first_run[r]..first_run[r + 1].
+    forward and y left. What no run covers is sky.
     """
 
-    points: np.ndarray
-    runs: np.ndarray
-    first_run: np.ndarray
+    points: np.ndarray  # (4, P) float32: x, y, dx, dy
+    runs: np.ndarray  # (R, 4) int32: first pixel of a row, last one + 1, level, log2(taps)
+    first_run: np.ndarray  # row r has the runs first_run[r]..first_run[r + 1]
 
 
 @lru_cache(maxsize=256)

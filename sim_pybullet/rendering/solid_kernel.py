@@ -10,21 +10,16 @@ from sim_pybullet.rendering import solid_geometry as solid
 
 
 class SolidViews(NamedTuple):
-    """What stands around N robots, and from where they see it.
+    """What stands around N robots, and from where they see it."""
 
-    ``poses`` (N, 3); ``eyes`` (N, 3) the camera in the robot frame [m]; ``lights`` (N, 5) as
-    ``light_row``; ``rows`` (K, 13) as ``solid_rows``, robot i seeing first[i]..last[i];
-    ``slots`` (N,) names each robot's ``directions`` (S, 3, H, W) and `direction_table`.
-    """
-
-    poses: np.ndarray
-    eyes: np.ndarray
-    lights: np.ndarray
-    rows: np.ndarray
+    poses: np.ndarray  # (N, 3)
+    eyes: np.ndarray  # (N, 3) the camera in the robot frame [m]
+    lights: np.ndarray  # (N, 5) as ``light_row``
+    rows: np.ndarray  # (K, 13) as ``solid_rows``, of which robot i sees first[i]..last[i]
     first: np.ndarray
     last: np.ndarray
-    slots: np.ndarray
-    directions: np.ndarray
+    slots: np.ndarray  # (N,) each robot's in the rest, of which the last two are `direction_table`s
+    directions: np.ndarray  # (S, 3, H, W)
     cells: np.ndarray
     pixel_rad: np.ndarray
 

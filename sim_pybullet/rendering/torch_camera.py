@@ -21,9 +21,6 @@ class TorchCamera(RayCamera):
     """As `RayCamera`, which works out on the CPU what changes with an episode, and culls solids.
 
     Pictures are those of `RayCamera` but for rounding: a grey level in a few pixels.
-
-    Args:
-        device: as torch names it.
     """
 
     def __init__(
@@ -83,8 +80,7 @@ class TorchCamera(RayCamera):
             ahead, left = 256.0 * (x + tap * dx), 256.0 * (y + tap * dy)
             u = c * ahead - s * left + (column * scale + 128.0)
             v = row * scale + 128.0 - s * ahead - c * left
-            live = (tap < taps)[..., None]
-            sums += live * self._textures.read(u, v, first, wide, high)
+            sums += (tap < taps)[..., None] * self._textures.read(u, v, first, wide, high)
         taps = taps[..., None]
         rgb = ((sums + 128.0 * taps) / (256.0 * taps)).to(torch.uint8)  # rounds down
         return torch.where(floor, rgb, self._sky[self._sent(robots)])
@@ -198,10 +194,8 @@ def sub_rays(directions: np.ndarray) -> np.ndarray:
 class SolidPixels:
     """The Q pixels that M solids may be seen in, one solid's after the other's, and their rays.
 
-    Args:
-        rays: (S, 3, 4, P), see `sub_rays`; ``width`` pixels make a row.
-        where: (M, 2) the picture that each solid is in, and the slot of its rays.
-        boxes: (M, 4) as `solid_geometry.pixel_box`.
+    ``rays`` (S, 3, 4, P), see `sub_rays`, are in rows of ``width``; ``where`` (M, 2) is the picture
+    that a solid is in, and the slot of its rays; ``boxes`` (M, 4) are as `pixel_box` writes them.
     """
 
     def __init__(
@@ -239,10 +233,7 @@ class SolidPixels:
 def meet_boxes(
     pixels: SolidPixels, rows: torch.Tensor, colours: torch.Tensor, _lights: torch.Tensor
 ) -> Met:
-    """`solid_geometry.meet_box` for M boxes.
-
-    ``rows`` (M, 13) as `to_camera` leaves them, ``colours`` (M, 3) as of `face_colours`.
-    """
+    """`meet_box` for ``rows`` (M, 13) of `to_camera`, with ``colours`` (M, 3) of `face_colours`."""
     x, y, c, s, *sizes = rows[:, :ROUND].T
     own = c, s, c * x + s * y, c * y - s * x  # in the box's axes
     c, s, x, y, half_x, half_y, base, top = pixels.of(*own, *sizes)

@@ -20,29 +20,18 @@ class CameraFeed:
     After a `sim_pybullet.look.TimingLook`: a picture shows what there was to see ``camera_delay_s``
     ago; with probability ``frame_skip`` the previous one comes again.
 
-    Args:
-        crop_top_px: how many rows the camera leaves out above, see `robot.contract.ImageSpec`.
-        translator: what every picture passes through last.
-        movers: how many things the camera draws that move.
-        frames: how many of its last pictures a robot sees; the first one stands for its past.
-
-    Attributes:
-        shape: (H, W, 3 F) of what one robot sees.
-        device: of torch, where pictures are tensors; None where they are arrays.
-        shown: (N, 1 + U, 3) where the robots, and what moves, were when their newest picture was
-            taken.
-        fresh: (N,) bool, whether that came now for the first time.
+    ``device`` is torch's where pictures are tensors, None where they are arrays.
     """
 
     def __init__(
         self,
         camera: BatchCamera,
         n_robots: int,
-        crop_top_px: int = 0,
-        translator: Translator | None = None,
+        crop_top_px: int = 0,  # rows that the camera leaves out above: `robot.contract.ImageSpec`
+        translator: Translator | None = None,  # what every picture passes through last
         dt_s: float = PHYSICS_DT_S,
-        movers: int = 0,
-        frames: int = 1,
+        movers: int = 0,  # so many things that move are drawn
+        frames: int = 1,  # so many of its last a robot sees; the first one stands for its past
     ) -> None:
         self._camera, self._movers = camera, movers
         self._dt_s = dt_s
@@ -64,6 +53,7 @@ class CameraFeed:
         self._skip = np.zeros(n_robots)
         self._first = np.ones(n_robots, dtype=bool)  # no picture of this episode was taken yet
         self._stack = self._sensors.blank((n_robots, *self.shape))
+        # where robots, and what moves, were when the newest picture was taken; whether it came now
         self.shown = np.zeros((n_robots, 1 + movers, 3))
         self.fresh = np.zeros(n_robots, dtype=bool)
 

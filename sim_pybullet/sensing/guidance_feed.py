@@ -40,18 +40,14 @@ class GuidanceFeed:
     wheels, by the filter that real robots run (`robot.navigation.fusion`), and follows its path
     from where it believes to be. A robot whose ``PoseLook`` has no error knows its true pose, where
     overhead poses always come.
-
-    Attributes:
-        poses: (N, 3) where the robots believe to be: x [m], y [m], heading [rad].
-        seen: what sight sees of their newest pictures; None before the first ones, and without it.
     """
 
     def __init__(
         self, n_robots: int, sources: PoseSources = ALWAYS, road_maps: Sequence[RoadMap] = ()
     ) -> None:
         """``road_maps``: what robots with sight may drive on."""
-        self.poses = np.zeros((n_robots, 3))
-        self.seen: Seen | None = None
+        self.poses = np.zeros((n_robots, 3))  # where they believe to be: x [m], y [m], heading
+        self.seen: Seen | None = None  # of the newest pictures; None before, and without sight
         self._sources = sources
         self._exact = np.ones(n_robots, dtype=bool)
         config = FusionConfig(sight=sources.sight is not None)
@@ -113,10 +109,7 @@ class GuidanceFeed:
     def see(self, images: np.ndarray, who: np.ndarray, new: np.ndarray, maps: np.ndarray) -> None:
         """Pictures (M, H, W, 3) of these robots (M,) came now, after the poses of this moment.
 
-        Args:
-            images: frames, or pictures as sight takes them.
-            new: (N,) who has a new one.
-            maps: (N,) index of the map that each robot is on.
+        They are frames, or as sight takes them; (N,): who has a ``new`` one, and is on which map.
         """
         sight = self._sources.sight
         if sight is None:

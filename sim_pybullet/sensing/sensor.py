@@ -101,11 +101,7 @@ class Sensors:
     The light's mirror image in the floor, smear, blur, infrared, vignetting, exposure, white
     balance, noise, JPEG, in that order. Blur and noise are those of a frame 160 px wide. A picture
     of another width gets what area averaging would leave of them, so that small pictures may be
-    drawn directly.
-
-    Args:
-        shape: (H, W, 3) of their pictures.
-        crop_top_px: how many rows of the whole picture are missing above, for the vignette.
+    drawn directly; of the whole ``crop_top_px`` rows are missing above, for the vignette.
     """
 
     def __init__(self, count: int, shape: tuple[int, ...], crop_top_px: int = 0) -> None:

@@ -110,10 +110,6 @@ class Crowd:
 
     Robots of ours are told in every call: ``poses`` (G, P, 3). Places in a group: ours, other cars,
     parked ones, ducks, things.
-
-    Attributes:
-        kinds: (B,) of `Body`.
-        meet_m: (B,) centres nearer than that have met; 0 for things.
     """
 
     def __init__(self, streets: Streets, how: Scenario, groups: int) -> None:
@@ -130,8 +126,8 @@ class Crowd:
         self._way = RightOfWay(groups, self.ours + cars, streets.junctions)
         self._robots = self.ours + cars + self._parked
         counts = (self._robots, ducklings, self._things.shape[1])
-        self.kinds = np.repeat((Body.ROBOT, Body.DUCK, Body.THING), counts)
-        self.meet_m = np.repeat((ROBOT_M, DUCK_M, 0.0), counts)
+        self.kinds = np.repeat((Body.ROBOT, Body.DUCK, Body.THING), counts)  # (B,)
+        self.meet_m = np.repeat((ROBOT_M, DUCK_M, 0.0), counts)  # nearer centres have met
         self.maps = np.zeros(groups, dtype=int)
         self.line_m = np.full((groups, self.ours), np.inf)  # to where ours should stand
         self._before = self._after = self._now()

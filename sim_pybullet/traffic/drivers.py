@@ -17,14 +17,7 @@ _MISTAKE_S = 1.0
 
 
 class Drivers:
-    """G groups of C cars, none of which is there at first.
-
-    Attributes:
-        poses: (G, C, 3) x [m], y [m], heading [rad]; NaN where there is no car.
-        velocities: (G, C, 2) [m/s].
-        speeds_mps, headways_s, arc_m: (G, C).
-        obeying: (G, C) bool.
-    """
+    """G groups of C cars, none of which is there at first."""
 
     def __init__(self, groups: int, count: int, path: Path) -> None:
         shape = (groups, count)
@@ -34,6 +27,7 @@ class Drivers:
         self.headways_s, self.obeying = np.ones(shape), np.ones(shape, dtype=bool)
         self._cruise_mps, self._clock_s, self._weave_rad = np.zeros((3, *shape))
         self._mistakes_s = np.zeros((*shape, _MISTAKES))
+        # x [m], y [m], heading [rad], NaN where there is no car; [m/s]
         self.poses, self.velocities = self._now(), np.zeros((*shape, 2))
 
     def begin(

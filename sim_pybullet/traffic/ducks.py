@@ -12,16 +12,11 @@ _LOOK_M, _SPACE_M = 0.12, 0.2  # a duck does not walk on while a robot is so nea
 
 
 class Ducks:
-    """G groups of D ducks, none of which is there at first.
-
-    Attributes:
-        poses: (G, D, 3) x [m], y [m], heading [rad]; NaN where there is no duck.
-        velocities: (G, D, 2) [m/s].
-    """
+    """G groups of D ducks, none of which is there at first."""
 
     def __init__(self, groups: int, count: int) -> None:
-        self.poses = np.full((groups, count, 3), np.nan)
-        self.velocities = np.zeros((groups, count, 2))
+        self.poses = np.full((groups, count, 3), np.nan)  # x, y [m], heading; NaN: no duck
+        self.velocities = np.zeros((groups, count, 2))  # [m/s]
         self._way_m, self._speed_mps, self._gone_m, self._left_s = np.zeros((4, groups, count))
         self._blocked_s = np.zeros((groups, count))
         self._waits_s = np.zeros((groups, count, _WAITS))

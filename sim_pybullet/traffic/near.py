@@ -12,13 +12,10 @@ from sim_pybullet.traffic.ahead import AHEAD_M
 def steps_ahead(
     points: np.ndarray, poses: np.ndarray, bodies: np.ndarray, clear_m: np.ndarray
 ) -> np.ndarray:
-    """(N, B) how many steps robots have before they would come too near to each body.
+    """(N, B) how many steps robots at poses (N, 3) have before they come too near to each body.
 
-    Args:
-        points: (N, K, 2) of their paths, at ``AHEAD_M``.
-        poses: (N, 3) their own; what is behind them does not count.
-        bodies: (N, B, 2) what is around each, NaN for what is not there.
-        clear_m: (N, B) how far away it must stay.
+    ``points`` (N, K, 2) are of their paths, at ``AHEAD_M``; ``bodies`` (N, B, 2), NaN where one is
+    not there, must stay ``clear_m`` (N, B) away, but for those behind.
     """
     steps = np.full(bodies.shape[:2], len(AHEAD_M))
     for i in range(len(poses)):

@@ -78,24 +78,17 @@ class Places(NamedTuple):
 
 
 class Streets:
-    """Tours, junctions, things that stand and things that move, of M maps.
-
-    Attributes:
-        road_maps: the maps without the objects that move.
-        tours: of every map.
-        places: on the tours of every map.
-        movers, lights: objects of every map.
-        blocked_m: (K, 2) of every map, where things stand in a lane.
-    """
+    """Tours, junctions, things that stand and things that move, each a list over M maps."""
 
     def __init__(self, road_maps: Sequence[RoadMap]) -> None:
         objects = [objects_of(road_map) for road_map in road_maps]
         self.movers = [tuple(o for o in each if _moves(o)) for each in objects]
         self.lights = [tuple(o for o in each if o.kind == LIGHT) for each in objects]
-        self.road_maps = tuple(
+        self.road_maps = tuple(  # without the objects that move
             replace(road_map, objects=_still(road_map, each))
             for road_map, each in zip(road_maps, objects, strict=True)
         )
+        # where things stand in a lane, (K, 2)
         self.blocked_m = [blocked(road_map).points_m for road_map in road_maps]
         self.tours = [tours(LaneGraph(m), np.random.default_rng(0)) for m in road_maps]
         self.places = [_places(*each) for each in zip(road_maps, self.tours, objects, strict=True)]

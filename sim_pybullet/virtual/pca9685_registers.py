@@ -194,8 +194,7 @@ class Pca9685Registers:
         """Work out the outputs afresh, telling who watches them."""
         outputs = PwmOutputs()
         if not self.asleep:
-            led = bytes(self._registers[LED0:LED_END])
-            outputs = PwmOutputs.from_registers(led, self._cut_off)
+            outputs = PwmOutputs.from_registers(bytes(self._registers[LED0:LED_END]), self._cut_off)
             if not self._registers[MODE2] & OUTDRV and outputs.any_high:
                 raise ChipMisuseError("OUTDRV = 0: open drain cannot drive a bridge's inputs high")
         if outputs != self.outputs:

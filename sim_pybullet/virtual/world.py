@@ -67,7 +67,6 @@ def beyond_nominal(look: DriveLook) -> DriveLook:
 class VirtualWorld:
     """A town with one robot whose wheels are the rotors of a ``VirtualHat``; its camera, too.
 
-    The camera sees ``movers`` where ``around`` (U, 3) says, NaN where one is not there.
     In lock-step somebody calls ``advance``; otherwise ``follow``, some sixty times a second.
     """
 
@@ -80,7 +79,7 @@ class VirtualWorld:
         rng: np.random.Generator,
         movers: tuple[Mover, ...] = (),
     ) -> None:
-        self.around = np.full((len(movers), 3), np.nan)
+        self.around = np.full((len(movers), 3), np.nan)  # where they are seen; NaN: not there
         self.scene: Scene = build_scene(road_map, look, rng)
         self._look, self._clock, self._rng = look, clock, rng
         self._tyre_rng = rng.spawn(1)[0]  # so that what the camera draws does not depend on wheels

@@ -48,14 +48,17 @@ class FakePolicy:
         self.best = 2
         self.takes_s = 0.01
         self.objections: List[str] = []
+        self.told: List[Tuple[float, ...]] = []  # beside each picture
         self.broken: Optional[Callable[[np.ndarray], np.ndarray]] = None
         self._clock = clock
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
         if images.shape != (1, *self.contract.image.shape) or images.dtype != np.uint8:
             self.objections.append(f"asked about {images.shape} {images.dtype}")
-        if (path is not None) != (self.contract.path_points > 0):
+        wanted = self.contract.path_points + 2 * self.contract.commands
+        if (path is not None) != (wanted > 0) or (path is not None and path.shape != (1, wanted)):
             self.objections.append(f"asked with path {path}")
+        self.told.append(() if path is None else tuple(path[0].tolist()))
         self._clock.now_s += self.takes_s
         values = np.eye(5, dtype=np.float32)[[self.best]]
         return self.broken(values) if self.broken else values

@@ -131,6 +131,45 @@ def test_actions_beyond_the_contract_are_refused(world: BatchWorld, actions: lis
         world.step(np.array(actions))
 
 
+def test_robots_are_told_their_last_commands_the_oldest_first() -> None:
+    task = LaneKeeping([LOOP], 4)
+    world = BatchWorld(task, (NOMINAL,), camera=PoseCamera(4), commands=5)
+    assert world.told == 10
+    np.testing.assert_array_equal(world.reset().path, np.zeros((4, 10), np.float32))
+    wheels = (0.0576, 0.3024), (0.2541, 0.3459), (0.3, 0.3), (0.3459, 0.2541), (0.3024, 0.0576)
+    sent = [np.zeros((4, 2))] * 5
+    for action in range(5):
+        seen = world.step(np.full(4, action)).observation.path
+        sent.append(np.tile(wheels[action], (4, 1)) / 0.3459)
+        np.testing.assert_allclose(seen, np.hstack(sent[-5:]), atol=1e-6)
+    shares = np.linspace(-1.0, 1.0, 8).reshape(4, 2)
+    seen = world.step(shares).observation.path
+    assert seen is not None
+    np.testing.assert_allclose(seen[:, -2:], shares, atol=1e-6)
+    ended = None
+    while ended is None:
+        step = world.step(np.zeros(4, dtype=int))
+        ended = next(iter(step.finished.robots.tolist()), None)
+    assert step.observation.path is not None
+    assert step.finished.observation.path is not None
+    assert not step.observation.path[ended].any(), "a new episode begins at rest"
+    assert step.finished.observation.path[0].all(), "the last of the old one was driven"
+    world.close()
+
+
+def test_the_path_comes_before_the_last_commands() -> None:
+    arena = load_map("arena")
+    told = [
+        BatchWorld(Navigation([arena], 2), (NOMINAL,), camera=PoseCamera(2), commands=each).reset()
+        for each in (0, 5)
+    ]
+    path, both = (each.path for each in told)
+    assert path is not None
+    assert both is not None
+    assert both.shape == (2, 20)
+    np.testing.assert_array_equal(both[:, :10], path)
+
+
 def test_an_episode_has_one_look_of_a_list() -> None:
     dark = replace(NOMINAL, ground=GroundLook(brightness=0.5), drive=DB18_DRIVE)
     pool = LookPool([LOOP], [NOMINAL, dark], np.random.default_rng(0))

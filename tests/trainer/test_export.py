@@ -26,13 +26,17 @@ from trainer.training.checkpoint import Evaluated, TrainState, save_checkpoint
 
 def network_and_contract(config: RunConfig) -> tuple[GreedyNetwork, PolicyContract]:
     torch.manual_seed(0)
-    contract = PolicyContract("lane", config.algorithm, config.image, score=0.95)
+    told = {"commands": config.commands, "score": 0.95}
+    contract = PolicyContract("lane", config.algorithm, config.image, **told)
     return GreedyNetwork(build_policy(config)), contract
 
 
 def observations(config: RunConfig, count: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(0)
-    return {"image": rng.integers(0, 256, (count, *config.image.shape), dtype=np.uint8)}
+    seen = {"image": rng.integers(0, 256, (count, *config.image.shape), dtype=np.uint8)}
+    if config.commands:
+        seen["path"] = rng.uniform(-1.0, 1.0, (count, 2 * config.commands)).astype(np.float32)
+    return seen
 
 
 @pytest.mark.parametrize("algorithm", NAMES)
@@ -45,8 +49,9 @@ def test_onnx_answers_as_torch_does(algorithm: str, tmp_path: Path) -> None:
     assert check_equal(network, path, observations(config, 1)) <= 1e-4
     policy = OnnxPolicy(path)
     assert policy.contract == contract
-    image = observations(config, 7)["image"]
-    assert (policy.values(image).argmax(axis=1) == network.actions(image)).all()
+    seen = observations(config, 7)
+    chosen = policy.values(seen["image"], seen.get("path")).argmax(axis=1)
+    assert (chosen == network.actions(seen)).all()
 
 
 def test_a_robot_can_load_it(tmp_path: Path) -> None:

@@ -171,6 +171,22 @@ def test_where_a_person_took_over_they_are_right_and_not_the_expert() -> None:
     assert 2 in right[31:]  # STRAIGHT, as the expert would
 
 
+def test_who_is_told_its_last_commands_is_taught_at_rest_whatever_a_person_did_before() -> None:
+    """They go on as they did: who learned that would repeat its own commands."""
+    one = drive(["MANUAL"] * 8, [LEFT] * 8)
+    turns = tuple(replace(turn, path=(0.5,) * 10) for turn in one.turns)
+    one = one._replace(turns=turns)
+    for contract, expected in (
+        (replace(LANE, commands=5), [0.0] * 10),
+        (replace(LANE, path_points=10), [0.5] * 10),
+        (replace(LANE, path_points=10, commands=5), [0.5] * 10 + [0.0] * 10),
+    ):
+        paths = examples_of([one], [np.zeros((8, 3))], contract, False).paths
+        assert paths is not None
+        assert paths[0].tolist() == expected
+    assert examples(one).paths is None
+
+
 @pytest.mark.parametrize(
     ("wheels", "count"),
     [((0.0, 0.0), 0), ((0.04, 0.05), 0), ((0.05, 0.06), 7), ((-0.2, -0.1), 0)],

@@ -56,10 +56,7 @@ def tell(path: Path) -> dict[str, Any]:
 
 
 def divide(drives: Sequence[Path], held_out: float, seed: int) -> dict[str, list[str]]:
-    """Whole drives to learn from, and ``held_out`` of the driven time to judge by.
-
-    ConfigError with fewer than two drives.
-    """
+    """Whole drives to learn from, ``held_out`` of the time to judge by; ConfigError: under two."""
     if len(drives) < 2:
         raise ConfigError(f"split: expected two drives or more, got {len(drives)}")
     seconds = {path: max(tell(path)["driven"], 0.1) for path in drives}

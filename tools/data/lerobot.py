@@ -34,10 +34,7 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 def to_dataset(drives: Sequence[Path], dataset: Path, task: str) -> int:
-    """Write recordings as a dataset; the number of its episodes.
-
-    ConfigError: no turn at all, or drives with other rates or sizes of picture.
-    """
+    """Recordings as a dataset; how many episodes. ConfigError: none, or of other rates or sizes."""
     import pyarrow.parquet as parquet
 
     episodes = [run for path in drives for run in runs(list(read_samples(path)))]

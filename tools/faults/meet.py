@@ -82,10 +82,9 @@ def _play(cases: list[Case], outcomes: list[Outcome], options: FaultsOptions) ->
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn()) as bar:
         task = bar.add_task("faults", total=len(cases), completed=len(cases) - len(todo))
         for family, rows in groupby(todo, lambda case: case.family):
-            bench = benches.get(family, alone)
             with (
                 tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
-                Stage(bench, Path(folder)) as stage,
+                Stage(benches.get(family, alone), Path(folder)) as stage,
             ):
                 for case in rows:
                     bar.update(task, description=f"{case.family}: {case.name}")

@@ -165,8 +165,7 @@ def run(options: LoopOptions, folder: Path) -> dict[str, Any]:
         if options.video and len(rows) < options.missions:
             film = DriveFilm(options.video, options.policy, EVERY_S)
             stack.callback(film.close)
-        columns = *Progress.get_default_columns(), MofNCompleteColumn()
-        bar = stack.enter_context(Progress(*columns))
+        bar = stack.enter_context(Progress(*Progress.get_default_columns(), MofNCompleteColumn()))
         task = bar.add_task("missions", total=options.missions, completed=len(rows))
         done = lambda: bar.update(task, completed=len(rows))  # noqa: E731
         while len(rows) < options.missions:

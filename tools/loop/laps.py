@@ -127,8 +127,7 @@ def tell(options: LoopOptions) -> int:
     lap_drive = LapDrive(load_map(options.road), site.look, policy, options.seed)
     with ExitStack() as stack:
         stack.callback(lap_drive.close)
-        columns = *Progress.get_default_columns(), TextColumn(OF_LAPS)
-        bar = stack.enter_context(Progress(*columns))
+        bar = stack.enter_context(Progress(*Progress.get_default_columns(), TextColumn(OF_LAPS)))
         task = bar.add_task("drive", total=laps)
         film = None
         if options.video:

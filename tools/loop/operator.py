@@ -64,8 +64,7 @@ class Operator:
 
     def age_s(self, name: str) -> float:
         """How old an input of the robot is, as the robot says; infinite when it never came."""
-        ages = {i["name"]: i["age_s"] for i in self.robot.get("inputs", ())}
-        age_s = ages.get(name)
+        age_s = {i["name"]: i["age_s"] for i in self.robot.get("inputs", ())}.get(name)
         return math.inf if age_s is None else float(age_s)
 
     def turn(self) -> None:

@@ -193,10 +193,7 @@ class Conductor(Timekeeper):
         self.shared.set("now", self.clock.now())
 
     def settle(self) -> None:
-        """Serve and wait until every process waits.
-
-        BenchError: one works on this moment for too long.
-        """
+        """Serve until every process waits; BenchError: one works on this moment for too long."""
         deadline_s = time.monotonic() + PATIENCE_S
         while True:
             busy = [p for p in self._participants.values() if not (p.idle or p.frozen)]

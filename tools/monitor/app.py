@@ -39,17 +39,14 @@ Seconds = Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)]  # no dri
 
 
 class CommandBody(BaseModel):
-    """What the page asks; places are x, y [m] in the world frame.
-
-    With ``arm`` a robot that stands is armed for its mission, once it has said that it would go.
-    """
+    """What the page asks; places are x, y [m] in the world frame."""
 
     model_config = ConfigDict(extra="forbid")
 
     kind: Literal["arm", "auto", "disarm", "stop", "clear", "mission", "place"]
     destination: tuple[float, float] | None = None
     start: tuple[float, float] | None = None
-    arm: bool = False
+    arm: bool = False  # a robot that stands, for its mission, once it has said that it would go
 
 
 class MarkBody(BaseModel):

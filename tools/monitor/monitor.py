@@ -257,10 +257,7 @@ class Monitor:
         return answer
 
     def drive_by_hand(self, page: object, stick: Stick | None) -> bool:
-        """Pass on one manual command: it holds for ``HAND_S`` and is never repeated.
-
-        False while another page drives.
-        """
+        """Pass on a manual command, for ``HAND_S``, never repeated; False: another page drives."""
         now_s = time.monotonic()
         if self._hand is not None and self._hand[0] is not page and now_s < self._hand[1]:
             return False

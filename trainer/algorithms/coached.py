@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from robot.contract import COMMANDS
 from trainer.algorithms.dagger import ALGORITHM as DAGGER
 from trainer.algorithms.dagger import PRESETS, DaggerConfig
 
@@ -10,5 +11,5 @@ ALGORITHM = replace(
     DAGGER,
     title="DAgger after a PPO coach",
     learn=DaggerConfig(coach_steps=200_000),
-    presets={**PRESETS, "debug": _SHORT},
+    presets={**PRESETS, "lane": {"commands": COMMANDS}, "debug": _SHORT},
 )

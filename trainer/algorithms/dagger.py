@@ -34,6 +34,7 @@ class DaggerConfig(LearnConfig):
     warm_up: int = 500
     expert_steps: int = 2_000  # over which the expert's share of the driving falls from 1 to 0
     random_share: float = 0.08  # of the actions, so that recoveries are seen
+    untold_share: float = 0.3  # of what is learned from, without the last commands
     coach_steps: int = 0  # by which the expert is learned, see `trainer.learners.coach`; 0: a rule
 
 
@@ -42,7 +43,8 @@ class Dagger(ddqn.DoubleDQN):
 
     coach: ActorCriticPolicy | None = None  # whom it imitates; without, the vehicle's own expert
     expert_steps = 1
-    random_share = 0.0
+    random_share = untold_share = 0.0
+    commands = 0
     rng: np.random.Generator
 
     @override
@@ -65,6 +67,9 @@ class Dagger(ddqn.DoubleDQN):
     def _update(self, batch_size: int) -> float:
         assert self.replay_buffer is not None
         batch: Any = self.replay_buffer.sample(batch_size)
+        if self.commands:  # a picture by itself must do: at rest, and of whom nothing else is known
+            untold = self.rng.random(batch_size) < self.untold_share
+            batch.observations["path"][untold, -2 * self.commands :] = 0.0
         logits = cast(ImitatingPolicy, self.policy).logits(batch.observations)
         loss = cross_entropy(logits, batch.actions.flatten().long())
         return descend(self.policy.optimizer, loss, self.max_grad_norm)
@@ -75,6 +80,7 @@ def build(making: Making) -> Dagger:
     learn = cast(DaggerConfig, making.config.learn)
     model = Dagger(**off_policy(making, n_steps=1, gamma=0.0), train_freq=learn.dagger_every)
     model.expert_steps, model.random_share = learn.expert_steps, learn.random_share
+    model.untold_share, model.commands = learn.untold_share, making.config.commands
     model.rng = np.random.default_rng(making.config.seed)
     if learn.coach_steps:
         path, steps = making.folder.coach, learn.coach_steps

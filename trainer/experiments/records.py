@@ -266,7 +266,7 @@ class SteeringPolicy:
 
     def turns(self, stacks: np.ndarray) -> np.ndarray:
         """(N, H, W, 3 * STACK) uint8 -> (N,) int64 values of `Turn`."""
-        newest, points = stacks[..., -3 * self.frames :], self._policy.contract.path_points
+        newest, points = stacks[..., -3 * self.frames :], self._policy.contract.told
         values = []
         for part in np.array_split(newest, -(-len(stacks) // _AT_ONCE)):
             path = np.zeros((len(part), points), np.float32) if points else None

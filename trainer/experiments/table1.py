@@ -56,10 +56,7 @@ def turn_network(height: int, width: int) -> nn.Sequential:
 def teach_turns(
     training: records.Stacks, steps: int, seed: int, checkpoint: Path, console: Console
 ) -> nn.Module:
-    """Train on what the person did, from where ``checkpoint`` left off.
-
-    Moments are relit, half of them in the mirror with their turns exchanged.
-    """
+    """Train on what the person did, from ``checkpoint`` on: relit, half of it in the mirror."""
     torch.manual_seed(seed)
     network = turn_network(*training.pictures.shape[1:3])
     optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)

@@ -49,7 +49,8 @@ def drive(
     assert isinstance(task, Traffic)
     task.frames, task.episode_s, sources = driver.frames, seconds, driver.sources
     numbers = [group * seed + k for seed in seeds for k in range(group)]
-    world = BatchWorld(task, looks, driver.image, _FIRST_WORLD, numbers=numbers, sources=sources)
+    first = task, looks, driver.image, _FIRST_WORLD
+    world = BatchWorld(*first, numbers=numbers, sources=sources, commands=driver.commands)
     rules = {road_map.name: LaneRules(road_map) for road_map in road_maps}
     for done, facts, ride in evaluate.drive(world, lambda seen: driver.choose(world, seen), films):
         poses, end = np.array(ride.poses), SURVIVED

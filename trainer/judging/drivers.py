@@ -36,6 +36,7 @@ class Driver:
     guided = False  # whether it gets a path
     image = _SMALL  # what is drawn for it,
     frames = 1  # of it so many at once
+    commands = 0  # of its last ones so many are told
     sources = ALWAYS  # what tells a guided one its place
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
@@ -57,7 +58,7 @@ class Pilot(Driver):
     def __init__(self, policy: DrivingPolicy) -> None:
         self._policy = policy
         self.guided, self.image = policy.contract.path_points > 0, ImageSpec()
-        self.frames = policy.contract.frames
+        self.frames, self.commands = policy.contract.frames, policy.contract.commands
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
         """See `Driver`."""

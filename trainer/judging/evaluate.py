@@ -204,6 +204,7 @@ def ridden(
         numbers=seeds,
         sources=sources,
         blank_in_junctions=zero == "junctions",
+        commands=policy.contract.commands,
     )
     speeds = _own_speeds(policy, world)
 

@@ -78,8 +78,8 @@ class Explainer:
 
     def _run(self, names: list[str], images: np.ndarray) -> list[np.ndarray]:
         feeds = {"image": np.tile(images, self.contract.frames)}  # as if nothing had moved
-        if self.contract.path_points:
-            feeds["path"] = np.zeros((len(images), self.contract.path_points), np.float32)
+        if self.contract.told:
+            feeds["path"] = np.zeros((len(images), self.contract.told), np.float32)
         return [np.asarray(output) for output in self._session.run(names, feeds)]
 
 

@@ -88,14 +88,13 @@ class LaneRules:
         """Of a drive through poses (T, 3), one each ``dt_s``; T is at least 1."""
         lanes = [self._lanes(pose) for pose in poses[:-1]]
         seen = [where[0] for where in lanes if where]
-        start = poses[0, :2]
         return LaneFigures(
             dt_s * len(lanes),
             self._driven_m(poses, lanes),
             dt_s * sum(abs(lane.lateral_m) for lane in seen),
             dt_s * (len(lanes) - len(seen)),
             dt_s * sum(lane.askew_rad for lane in seen),
-            float(np.hypot(*(poses[:, :2] - start).T).max()),
+            float(np.hypot(*(poses[:, :2] - poses[0, :2]).T).max()),
         )
 
     def _driven_m(self, poses: np.ndarray, lanes: Sequence[list[_Lane]]) -> float:

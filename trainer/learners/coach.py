@@ -32,15 +32,19 @@ _SPEED_MPS = 0.5  # of the world, that speeds are told in
 
 
 def told(world: BatchWorld) -> np.ndarray:
-    """What a coach knows of N robots: (N, PATH_POINTS + 1) path inputs of true poses, and speed."""
+    """What a coach knows of N robots: (N, PATH_POINTS + 1 + 2 K) path inputs of true poses, speed,
+    and the last commands.
+    """
     task = world.task
     path = path_inputs(task.paths, world.poses, task.course.arc_m)
-    return np.concatenate((path, task.vehicle.counted[:, :1] / _SPEED_MPS), 1).astype(np.float32)
+    speed = task.vehicle.counted[:, :1] / _SPEED_MPS
+    return np.concatenate((path, speed, world.commands), 1).astype(np.float32)
 
 
 def told_instead(env: DuckpilotVecEnv, reward_scale: float = 1.0) -> SeenOtherwise:
     """Robots that are told what a coach knows; when an episode ends, already of the next one."""
-    world, space = env.world, spaces.Box(-np.inf, np.inf, (PATH_POINTS + 1,), np.float32)
+    world, many = env.world, PATH_POINTS + 1 + env.world.commands.shape[1]
+    space = spaces.Box(-np.inf, np.inf, (many,), np.float32)
     return SeenOtherwise(
         env, lambda _, k: told(world) if k is None else told(world)[k], space, reward_scale
     )

@@ -82,4 +82,5 @@ def policy_arguments(config: RunConfig) -> dict[str, Any]:
 def observation_space(config: RunConfig) -> spaces.Space:
     """What the policy of this run sees."""
     (height, width, channels), kind = config.image.shape, find_task(config.task).kind
-    return env.observation_space((height, width, channels * kind.frames), kind.guided)
+    told = find_task(config.task).path_points + 2 * config.commands
+    return env.observation_space((height, width, channels * kind.frames), told)

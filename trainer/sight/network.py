@@ -39,11 +39,7 @@ def _twice(channels: int) -> Twice:
 
 
 class SightNetwork(nn.Module):
-    """Pictures (N, 40, 80, 3) uint8 -> what they show (N, 18), see `robot.vision.sight.COLUMNS`.
-
-    Standard deviations are multiplied by ``scale`` (5,), which is set when the network is judged
-    on maps to choose by.
-    """
+    """Pictures (N, 40, 80, 3) uint8 -> what they show (N, 18), see `robot.vision.sight.COLUMNS`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -62,6 +58,7 @@ class SightNetwork(nn.Module):
         self.eval()
         self.body(torch.zeros(1, 3, *IMAGE.shape[:2]))  # the lazy layer takes its size
         self.train()
+        # of standard deviations, (5,); set when the network is judged on maps to choose by
         self.scale = nn.Buffer(torch.ones(FIGURES))
         self.middle = nn.Buffer(torch.tensor(_MIDDLE))
         self.spread = nn.Buffer(torch.tensor(_SPREAD))

@@ -222,10 +222,7 @@ class SegNet(nn.Module):
 
 
 def unpooled(x: torch.Tensor, indices: torch.Tensor, size: torch.Size) -> torch.Tensor:
-    """Values (N, C, h, w) put back where their maxima were, zeros elsewhere: (N, C, *size[2:]).
-
-    As `torch.nn.MaxUnpool2d`, which ONNX has no operator for.
-    """
+    """As `torch.nn.MaxUnpool2d`, which ONNX lacks: (N, C, h, w), indices to (N, C, *size[2:])."""
     # with new_zeros and unflatten the exporter would fix the number of pictures
     count, channels = x.shape[:2]
     empty = torch.zeros(count, channels, size[2] * size[3], dtype=x.dtype, device=x.device)

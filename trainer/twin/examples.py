@@ -9,6 +9,7 @@ import numpy as np
 from robot.contract import DRIVE, PolicyContract
 from robot.errors import PlanError
 from robot.geometry import Pose, WheelSpeeds
+from robot.inference.policy import AT_REST
 from robot.inference.preprocess import preprocess
 from robot.navigation.path import Path, path_input
 from robot.navigation.planner import LaneGraph, plan_path
@@ -44,6 +45,7 @@ def examples_of(
     ``places`` (F, 3), with a map: where the robot was at each drive's pictures. Right is what the
     expert would do from there on the way that was driven: a person weaves, and is late. Where they
     took over from the policy, or there is no map, they knew better: often between two actions.
+    Of last commands none are told: people go on as they did, and who learned that would repeat it.
     """
     rows, bends_pm = [], _bends(contract)
     for drive, poses in zip(drives, places, strict=True):
@@ -63,12 +65,14 @@ def examples_of(
                 best_pm = pursuit(way.path.batch, poses[k, None], np.array([arc_m]))
                 right_pm = bends_pm[np.abs(bends_pm - best_pm).argmin()]
             weight = TAKEOVER_WEIGHT if corrected else 1.0
+            way_told = (told or ())[: contract.path_points]
+            beside = (*way_told, *AT_REST[: 2 * contract.commands])
             image = preprocess(drive.images[k], contract.image)
-            rows.append((image, told, right_pm, weight, steered_pm))
+            rows.append((image, beside, right_pm, weight, steered_pm))
     images, paths, right, weights, steered = zip(*rows, strict=True) if rows else ((),) * 5
     return Examples(
         np.array(images, np.uint8).reshape(-1, *contract.image.shape),
-        np.array(paths, np.float32) if contract.path_points else None,
+        np.array(paths, np.float32) if contract.told else None,
         _shares(np.array(right), bends_pm),
         np.array(weights),
         np.array(steered),

@@ -82,7 +82,8 @@ def load_base(path: Path) -> tuple[GreedyNetwork, PolicyContract]:
     try:
         learn = find_algorithm(contract.algorithm).learn
         net, image = _widths(weights, path), contract.image
-        run = RunConfig(contract.task, contract.algorithm, "", learn, image=image, net=net)
+        how: dict[str, Any] = {"image": image, "net": net, "commands": contract.commands}
+        run = RunConfig(contract.task, contract.algorithm, "", learn, **how)
         network = GreedyNetwork(build_policy(run)).requires_grad_(True)  # what it sees by, too
         if not any(name.endswith(".costs") for name in weights):
             network.head = unhedged(network.head)
@@ -129,8 +130,8 @@ def teach(
     optimiser = torch.optim.Adam(network.parameters(), config.rate)
     observed, frames = [world.reset() for world in worlds], len(worlds) * robots * config.steps
     seen = {"image": np.zeros((frames, *contract.picture_shape), np.uint8)}
-    if contract.path_points:
-        seen["path"] = np.zeros((frames, contract.path_points), np.float32)
+    if contract.told:
+        seen["path"] = np.zeros((frames, contract.told), np.float32)
     actions, count = np.zeros(frames, np.int64), 0
     for step in range(config.steps):
         share = max(0.0, 1.0 - step / (config.expert_share * config.steps))
@@ -187,5 +188,5 @@ def _worlds(
     for k, (maps, looks, shown) in enumerate(kinds):
         task = spec.build(maps, config.robots, Choices("both" if rings else None, start_spread=1.6))
         how = looks, contract.image, seed + k, max(1, config.painted // len(maps))
-        worlds.append(BatchWorld(task, *how, translator=shown))
+        worlds.append(BatchWorld(task, *how, translator=shown, commands=contract.commands))
     return worlds

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robot.contract import PATH_POINTS, Action, ImageSpec, PolicyContract
 from robot.errors import ContractError
-from robot.inference.policy import OnnxPolicy, read_contract
+from robot.inference.policy import OnnxPolicy, read_contract, values_of
 from tests.robot.tiny_onnx import (
     BIAS,
     COLOUR_WEIGHTS,
@@ -175,6 +175,25 @@ def test_a_wrong_path_is_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(ContractError, match=r"expected \(1, 10\) float32 in \[-1, 1\]"):
             drive.values(plain(RED), wrong)
+
+
+def test_a_lane_keeper_may_be_told_its_last_five_commands(tmp_path: Path) -> None:
+    contract = lane_contract(image=SMALL, commands=5)
+    told = {PolicyContract.METADATA_KEY: contract.to_json()}
+    policy = OnnxPolicy(write_network(tmp_path / "m.onnx", build_network(10), told))
+    commands = np.array([1.0, -1.0] * 5, np.float32)
+    values = policy.values(plain(BLACK), commands[None])
+    frame = np.zeros((120, 160, 3), np.uint8)
+    np.testing.assert_array_equal(values_of(policy, frame, None, tuple(commands)), values[0])
+    ignored = np.ones(10, np.float32)  # a path that it does not follow
+    np.testing.assert_array_equal(values_of(policy, frame, ignored, tuple(commands)), values[0])
+    at_rest = policy.values(plain(BLACK), np.zeros((1, 10)))[0]
+    np.testing.assert_array_equal(values_of(policy, frame, None), at_rest)
+    with pytest.raises(ContractError, match=r"expected \(1, 10\) float32 in \[-1, 1\], got none"):
+        policy.values(plain(BLACK))
+    told[PolicyContract.METADATA_KEY] = lane_contract(image=SMALL, commands=4).to_json()
+    wrong = write_network(tmp_path / "w.onnx", build_network(8), told)
+    assert "0 or 5 commands, got 4" in refusal(wrong)
 
 
 def test_a_network_that_loads_but_fails_when_it_is_asked_is_refused(

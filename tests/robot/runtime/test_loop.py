@@ -19,6 +19,7 @@ from robot.contract import ACTION_WHEELS, CONTROL_DT_S, MAX_WHEEL_MPS, Action, P
 from robot.errors import ContractError, HardwareError
 from robot.geometry import STILL, Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
+from robot.parts import Guidance
 from robot.runtime.loop import Runtime
 from robot.runtime.timing import Watchdog
 from robot.safety.gates import Reason, SafetyLimits
@@ -117,6 +118,31 @@ def test_a_lane_policy_needs_no_navigator_and_a_navigating_one_does() -> None:
     assert runtime.step().action == Action.STRAIGHT
     with pytest.raises(ContractError, match="got a navigation policy"):
         Runtime(FakeCamera(clock), FakePolicy(clock, navigation_contract()), *parts)
+
+
+def test_the_policy_is_told_what_the_wheels_were_last_told_the_oldest_first() -> None:
+    bench = Bench(lane_contract(commands=5), SafetyLimits(max_wheel_mps=0.15)).drive()
+    sent = [tick.wheels for tick in bench.heard.ticks]
+    for action in (Action.LEFT, Action.RIGHT, Action.SLIGHT_LEFT, Action.STRAIGHT):
+        bench.policy.best = int(action)
+        bench.turn()
+        last = [share for wheels in [(0.0, 0.0)] * 5 + sent for share in wheels][-10:]
+        assert bench.policy.told[-1] == pytest.approx([each / 0.3459 for each in last], abs=1e-6)
+        assert bench.heard.ticks[-1].commands == pytest.approx(bench.policy.told[-1])
+        sent.append(bench.heard.ticks[-1].wheels)
+    assert max(map(abs, bench.policy.told[-1])) == pytest.approx(0.15 / 0.3459)
+    bench.operator.wishes.append((Command.STOP, None))
+    bench.turn(6)
+    assert bench.policy.told[-1] == (0.0,) * 10
+    assert Bench().drive().policy.told[-1] == (0.0,) * 10, "a path alone"
+
+
+def test_a_path_comes_before_the_last_commands() -> None:
+    bench = Bench(navigation_contract(commands=5))
+    bench.navigator.guidance = Guidance(np.full(10, 0.25, np.float32), pose_age_s=0.1)
+    bench.drive()
+    assert bench.policy.told[-1][:10] == (0.25,) * 10
+    assert bench.policy.told[-1][-2:] == pytest.approx((0.3 / 0.3459,) * 2)
 
 
 def test_a_speed_cap_slows_both_wheels_alike() -> None:

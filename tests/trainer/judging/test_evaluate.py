@@ -281,6 +281,25 @@ def test_a_zeroed_input_is_zero_and_the_other_is_not(navigator: Path) -> None:
         seen.clear()
 
 
+def test_who_is_told_its_last_commands_is_told_them_when_it_is_judged() -> None:
+    asked = []
+
+    class Told:
+        contract = PolicyContract("lane", "coached", commands=5)
+
+        def values(self, pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
+            asked.append(path[0])
+            return np.eye(5)[[len(asked) % 2]]
+
+    (drive,) = evaluate(Told(), "lane", [load_map("loop")], [NOMINAL], range(1))
+    assert drive.failed
+    pairs = np.array([asked[-1][k : k + 2] for k in range(0, 10, 2)])
+    turns = [(0.2541, 0.3459), (0.0576, 0.3024)]
+    last = [turns[(len(asked) - k) % 2] for k in (4, 3, 2, 1, 0)]
+    np.testing.assert_allclose(pairs, np.array(last) / 0.3459, atol=1e-5)
+    assert not asked[0].any()
+
+
 def test_junctions_may_be_blank(navigator: Path) -> None:
     """Their pictures are zeros, and only theirs; the path stays."""
     policy = OnnxPolicy(navigator)

@@ -33,7 +33,7 @@ class Heedless(Expert):
 @pytest.fixture
 def under_rules(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Driver]:
     monkeypatch.setattr(Pilot, "choose", Heedless.choose)
-    policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0, frames=1))
+    policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0, commands=0, frames=1))
 
     def fresh(poses: str = "true") -> Driver:
         driver = Governed(policy, poses)
@@ -71,7 +71,7 @@ def test_eight_robots_that_see_and_hear_each_other_need_no_localizer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Pilot, "choose", Heedless.choose)
-    policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=10, frames=1))
+    policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=10, commands=0, frames=1))
     told = driven(Together(policy, OnnxSight(SHIPPED)), "lfvi", "town", 1, 6.0)
     assert [each.end for each in told] == ["time"] * 8
     assert sum(each.lines_run for each in told) == 0

@@ -25,7 +25,7 @@ from trainer.judging.cli import JudgeOptions, judge_command
 from trainer.judging.drivers import Driver, Pilot, Sighted, Together
 from trainer.sight.cli import SHIPPED
 
-POLICY: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0, frames=1))
+POLICY: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0, commands=0, frames=1))
 
 
 MEETS_A_DUCK = (70, 79, 84, 89, 94)  # seeds

@@ -10,8 +10,10 @@ from rich.console import Console
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from robot.contract import PATH_POINTS
+from robot.inference.policy import OnnxPolicy
 from robot.navigation.path import path_inputs
 from sim_pybullet.rendering.ray_camera import NoCamera
+from sim_pybullet.tasks.spec import find_task
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from tests.sim_pybullet.racing.actions import RacingAction
 from tests.thorough import count
@@ -53,6 +55,19 @@ def test_a_coach_is_told_the_true_path_and_the_speed() -> None:
             assert wrapped.observation_space.contains(infos[i]["terminal_observation"])
             ended += 1
     assert ended
+    wrapped.close()
+
+
+def test_a_coach_of_lane_keepers_is_told_their_last_commands_as_they_are() -> None:
+    env = make_blind_env(run("lane"), 2, 0)
+    wrapped = told_instead(env)
+    wrapped.reset()
+    for action in (0, 4, 2, 1, 3):
+        known = wrapped.step(np.full(2, action))[0]
+    assert wrapped.observation_space.contains(known[0])
+    assert known.shape == (2, PATH_POINTS + 1 + 10)
+    wheels = (0.0576, 0.3024, 0.3024, 0.0576, 0.3, 0.3, 0.2541, 0.3459, 0.3459, 0.2541)
+    np.testing.assert_allclose(known[:, PATH_POINTS + 1 :], [np.array(wheels) / 0.3459] * 2, 1e-5)
     wrapped.close()
 
 
@@ -117,3 +132,6 @@ def test_a_run_keeps_its_coach(task: str, tmp_path: Path) -> None:
     assert main([*words, "--steps", "160", "--resume"]) == 0
     assert coach.read_bytes() == before
     assert RunFolder(out).load_config() == replace(RunFolder(out).load_config(), steps=160)
+    actions = find_task(task).actions
+    policy = OnnxPolicy(RunFolder(out).onnx, None if task == "lane" else actions)
+    assert policy.contract.commands == (5 if task == "lane" else 0)
