@@ -31,7 +31,7 @@ class Contract:
     """A policy of pictures 40 by 80 below ten rows that it does not see."""
 
     image = ImageSpec(80, 50, crop_top_px=10)
-    path_points, frames = 0, 1
+    told, frames = 0, 1
 
 
 class Session:
@@ -49,7 +49,7 @@ def explainer(values: Any, points: int = 0) -> Explainer:
     """One whose values (N, A) are a formula of its pictures."""
     made = Explainer.__new__(Explainer)
     made.contract = Contract()  # type: ignore[assignment]
-    made.contract.path_points = points  # type: ignore[misc]
+    made.contract.told = points  # type: ignore[misc]
     made._session, made._layers = Session(values), []
     return made
 

@@ -81,7 +81,7 @@ class Chooser:
 
     def __init__(self, actions: Any = ((0.3, 0.3), (0.1, 0.2)), frames: int = 2) -> None:
         image = ImageSpec(80, 60, 20)
-        self.contract = SimpleNamespace(image=image, actions=actions, frames=frames)
+        self.contract = SimpleNamespace(image=image, actions=actions, frames=frames, commands=5)
         self.seen: list[tuple[np.ndarray, np.ndarray | None]] = []
 
     def values(self, pictures: np.ndarray, path: np.ndarray | None) -> np.ndarray:
@@ -150,11 +150,11 @@ def test_all_robots_drive_at_once_in_worlds_of_their_own(
     monkeypatch.setattr(evaluate, "drive", lambda *_: iter(ridden))
     monkeypatch.setattr(evaluate, "_own_speeds", lambda *_: None)
     for seeds in (range(20), range(3)):
-        asked: Any = None, "lane", [load_map("loop")], [], seeds
+        asked: Any = Chooser(), "lane", [load_map("loop")], [], seeds
         heard = [drive for drive, _ in evaluate.ridden(*asked, lane="both")]
         assert [(drive.seed, drive.lane) for drive in heard] == [(8, "outer"), (7, "inner")]
     assert [robots for robots, _ in made] == [20, 3]
-    assert {told["seed"] for _, told in made} == {1_000_000_007}
+    assert {(told["seed"], told["commands"]) for _, told in made} == {(1_000_000_007, 5)}
 
 
 @pytest.mark.parametrize("name", ["model.onnx", ""])
