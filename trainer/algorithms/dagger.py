@@ -34,7 +34,7 @@ class DaggerConfig(LearnConfig):
     warm_up: int = 500
     expert_steps: int = 2_000  # over which the expert's share of the driving falls from 1 to 0
     random_share: float = 0.08  # of the actions, so that recoveries are seen
-    untold_share: float = 0.3  # of what is learned from, without the last commands
+    untold_share: float = 0.6  # of what is learned from, without the last commands
     coach_steps: int = 0  # by which the expert is learned, see `trainer.learners.coach`; 0: a rule
 
 
