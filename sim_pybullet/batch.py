@@ -192,7 +192,8 @@ class BatchWorld:
         rng, active = self._episodes.rng("motor"), self.active
         shares = actions
         if actions.ndim == 1:
-            shares = np.array(vehicle.actions)[actions] / MAX_WHEEL_MPS
+            table = np.array(vehicle.actions)  # of cars, it is of shares
+            shares = table[actions] / max(MAX_WHEEL_MPS, table.max())
         self.commands = np.hstack((self.commands, shares))[:, 2:]
         self.task.think(self._town.poses)
         for k in range(PHYSICS_STEPS):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from robot.contract import ImageSpec
+from robot.contract import COMMANDS, ImageSpec
 from robot.errors import ConfigError, expect_between, expect_one_of
 from sim_pybullet.tasks.spec import find_task
 from trainer.algorithms import LearnConfig, find_algorithm
@@ -81,6 +81,8 @@ class RunConfig:
         expect_one_of("device", self.device, ("cpu", "cuda", "auto"))
         expect_one_of("style", self.style, task.styles or ("race",))
         expect_one_of("lane", self.lane, task.lanes or ("outer",))
+        if self.commands not in (0, COMMANDS):
+            raise ConfigError(f"commands: expected 0 or {COMMANDS}, got {self.commands}")
         if not (self.seconds is None or self.seconds > 0):
             raise ConfigError(f"run: expected seconds above 0, got {self.seconds}")
         if self.true_path and getattr(self.learn, "entropy", 1.0) <= 0.0:

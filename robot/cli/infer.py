@@ -1,7 +1,8 @@
 """Run a policy over pictures: which action it would choose on each.
 
 A picture of any size is cut to its middle 4:3 and resized by area to the 160x120 of a camera frame,
-as a real camera's pictures are. A navigating policy is given a path straight ahead.
+as a real camera's pictures are. A navigating policy is given a path straight ahead, one that is
+told its last commands that it stood.
 """
 
 import argparse

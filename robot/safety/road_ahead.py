@@ -30,7 +30,7 @@ class Junction:
 
 @dataclass(frozen=True)
 class RoadAhead:
-    """What lies before the robot: an empty road; ContractError for a deviation below 0."""
+    """What lies before the robot, else an empty road; ContractError for a deviation below 0."""
 
     # From the nose, along the own lane, to the nearest thing on it; below 0 or NaN it must stand.
     free_m: float = math.inf

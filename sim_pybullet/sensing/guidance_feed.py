@@ -109,7 +109,7 @@ class GuidanceFeed:
     def see(self, images: np.ndarray, who: np.ndarray, new: np.ndarray, maps: np.ndarray) -> None:
         """Pictures (M, H, W, 3) of these robots (M,) came now, after the poses of this moment.
 
-        They are frames, or as sight takes them; (N,): who has a ``new`` one, and is on which map.
+        They are frames, or as sight takes them. ``new``, ``maps`` (N,): who has one, on which map.
         """
         sight = self._sources.sight
         if sight is None:

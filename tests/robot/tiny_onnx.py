@@ -32,7 +32,7 @@ def navigation_contract(**changes: Any) -> PolicyContract:
 
 def write_policy(path: Path, contract: PolicyContract, ir_version: int = 0, opset: int = 0) -> Path:
     """A good policy file for the contract, or one that claims other versions."""
-    name = "navigation.onnx" if contract.path_points else "lane.onnx"
+    name = "navigation.onnx" if contract.told else "lane.onnx"
     return write_network(
         path,
         (FIXTURES / name).read_bytes(),

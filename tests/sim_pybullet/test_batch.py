@@ -148,25 +148,32 @@ def test_robots_are_told_their_last_commands_the_oldest_first() -> None:
     np.testing.assert_allclose(seen[:, -2:], shares, atol=1e-6)
     ended = None
     while ended is None:
-        step = world.step(np.zeros(4, dtype=int))
+        step = world.step(np.array([0, 2, 2, 2]))
         ended = next(iter(step.finished.robots.tolist()), None)
+    assert step.finished.robots.tolist() == [0]
     assert step.observation.path is not None
     assert step.finished.observation.path is not None
     assert not step.observation.path[ended].any(), "a new episode begins at rest"
     assert step.finished.observation.path[0].all(), "the last of the old one was driven"
+    seen = world.step(np.array([0, 2, 2, 2])).observation.path
+    assert seen is not None
+    assert seen[1:].all(), "the others drive on"
+    assert (seen[0] != 0.0).tolist() == [False] * 8 + [True] * 2
     world.close()
 
 
 def test_the_path_comes_before_the_last_commands() -> None:
     arena = load_map("arena")
-    told = [
-        BatchWorld(Navigation([arena], 2), (NOMINAL,), camera=PoseCamera(2), commands=each).reset()
+    worlds = [
+        BatchWorld(Navigation([arena], 2), (NOMINAL,), camera=PoseCamera(2), commands=each)
         for each in (0, 5)
     ]
-    path, both = (each.path for each in told)
+    assert [world.told for world in worlds] == [10, 20]
+    path, both = (world.reset().path for world in worlds)
     assert path is not None
     assert both is not None
     assert both.shape == (2, 20)
+    assert both.dtype == np.float32
     np.testing.assert_array_equal(both[:, :10], path)
 
 

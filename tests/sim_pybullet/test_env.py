@@ -17,7 +17,7 @@ from robot.errors import ConfigError
 from robot.navigation.navigator import ARRIVAL_M
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.env import DriveEnv
+from sim_pybullet.env import DriveEnv, DriveVectorEnv
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.spec import TASKS
@@ -212,6 +212,22 @@ def test_vector_and_single_environment_are_the_same_world() -> None:
         assert a[1] == pytest.approx(b[1][0], rel=1e-6)
     for face in faces:
         face.close()
+
+
+@pytest.mark.parametrize("face", [DriveEnv, DriveVectorEnv, DuckpilotVecEnv])
+def test_every_face_of_a_world_tells_the_last_commands(face: Any) -> None:
+    made = face(BatchWorld(LaneKeeping([load_map("loop")], 1), [NOMINAL], SMALL, commands=5))
+    made.reset()
+    seen = made.step(1 if face is DriveEnv else np.array([1]))[0]
+    assert made.observation_space["path"].shape[-1] == 10
+    if face is DriveVectorEnv:
+        assert made.observation_space.contains(seen)
+    else:
+        one = seen if face is DriveEnv else {name: part[0] for name, part in seen.items()}
+        assert made.observation_space.contains(one)
+    last = seen["path"].flatten()[-2:]
+    assert last == pytest.approx((0.2541 / 0.3459, 1.0), abs=1e-4)
+    made.close()
 
 
 def test_stable_baselines3_learns_on_it(vec_env: DuckpilotVecEnv) -> None:

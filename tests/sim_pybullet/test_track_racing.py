@@ -15,7 +15,7 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
 from sim_pybullet.racing.track import SCALE, centre_line, load_track, shipped_tracks
 from sim_pybullet.tasks.spec import Choices, find_task
-from sim_pybullet.tasks.track_racing import STYLES, Style, TrackRacing
+from sim_pybullet.tasks.track_racing import RACING_ACTIONS, STYLES, Style, TrackRacing
 from tests.sim_pybullet.racing.actions import RacingAction
 
 TRACK = load_track("karting")
@@ -33,6 +33,15 @@ def world() -> Iterator[BatchWorld]:
     made = BatchWorld(TrackRacing([TRACK], 4), [CALM], SMALL)
     yield made
     made.close()
+
+
+def test_cars_are_told_their_last_steering_and_throttle() -> None:
+    world = BatchWorld(TrackRacing([TRACK], 9), [CALM], SMALL, commands=5)
+    world.reset()
+    seen = world.step(np.arange(9)).observation.path
+    assert seen is not None
+    np.testing.assert_array_equal(seen[:, -2:], np.array(RACING_ACTIONS, np.float32))
+    world.close()
 
 
 def place(task: TrackRacing, offset_m: float, turned_rad: float = 0.0) -> np.ndarray:

@@ -63,8 +63,10 @@ def test_a_run_of_before_is_read(tmp_path: Path) -> None:
     (tmp_path / "config.yaml").write_text(DAGGER)
     found = RunFolder(tmp_path).load_config()
     assert found == replace(preset("lane", "dagger", "fast"), seed=3, steps=2_000)
-    then = yaml.safe_load(DAGGER)  # with one worker, and without a backbone
-    assert to_plain(found) == {**then, "workers": 1, "net": {**then["net"], "backbone": ""}}
+    then = yaml.safe_load(DAGGER)  # with one worker, without a backbone, and told no commands
+    then["learn"]["untold_share"] = 0.6
+    then["net"]["backbone"] = ""
+    assert to_plain(found) == {**then, "workers": 1, "commands": 0}
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,12 @@ def test_a_run_of_no_steps_is_refused() -> None:
         replace(preset("lane", "ppo", "fast"), steps=0)
 
 
+@pytest.mark.parametrize("commands", [-1, 3, 6])
+def test_commands_that_no_robot_would_tell_are_refused(commands: int) -> None:
+    with pytest.raises(ConfigError, match=f"commands: expected 0 or 5, got {commands}"):
+        replace(preset("lane", "dagger", "fast"), commands=commands)
+
+
 def test_a_rate_that_grows_is_refused() -> None:
     with pytest.raises(ConfigError, match="rate_left: expected"):
         replace(preset("lane", "ppo", "fast"), rate_left=1.5)

@@ -157,11 +157,15 @@ def test_torchscript_and_a_module_by_name_reach_the_robot(tmp_path: Path) -> Non
     np.testing.assert_allclose(values, expected, atol=1e-4)
 
 
-def test_a_module_may_take_a_path(tmp_path: Path) -> None:
-    contract = write(tmp_path, task="navigation", path_points=10)
+@pytest.mark.parametrize("told", [{"task": "navigation", "path_points": 10}, {"commands": 5}])
+def test_a_module_may_take_a_path_or_the_last_commands(
+    told: dict[str, Any], tmp_path: Path
+) -> None:
+    contract = write(tmp_path, **told)
     call = ["export", "tests.trainer.test_outside:Guided", "--contract", contract]
     assert main([*call, "--out", str(tmp_path / "guided.onnx")]) == 0
-    assert OnnxPolicy(tmp_path / "guided.onnx").contract.path_points == 10
+    found = OnnxPolicy(tmp_path / "guided.onnx").contract
+    assert {name: getattr(found, name) for name in told} == told
 
 
 @pytest.mark.parametrize(

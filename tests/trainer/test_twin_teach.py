@@ -263,21 +263,23 @@ def test_a_base_that_cannot_learn_is_refused() -> None:
         load_base(SHIPPED_MODELS / "lane_ppo_int8.onnx")
 
 
-def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
+@pytest.mark.parametrize("base", ["lane_coached", "lane_sight"])
+def test_a_base_learns_on_and_carries_its_proof(base: str, tmp_path: Path) -> None:
     torch.manual_seed(0)
-    network, contract = load_base(base_file("lane_coached"))
+    network, contract = load_base(base_file(base))
     before = network.head[0].weight.clone()
     image = np.zeros((40, *contract.picture_shape), np.uint8)
     bends = np.full(40, 13.0)
     left = np.tile(np.eye(5, dtype=np.float32)[0], (40, 1))
-    person = Examples(image, None, left, np.ones(40), bends)
+    paths = np.zeros((40, contract.told), np.float32) if contract.told else None
+    person = Examples(image, paths, left, np.ones(40), bends)
     config = TeachConfig(steps=20, robots=2, batch=16, recorded=32, every=1, painted=1)
     teach(network, contract, (load_map("loop"), [NOMINAL]), person, config, seed=0)
     assert not torch.equal(before, network.head[0].weight)
     model = tmp_path / "model.onnx"
-    taught = replace(contract, taught_from="lane_coached")
+    taught = replace(contract, taught_from=base)
     export_network(network, taught, model)
-    actions = OnnxPolicy(model).values(person.images).argmax(axis=1)
+    actions = OnnxPolicy(model).values(person.images, paths).argmax(axis=1)
     assert foretold(actions, person, contract) == (40, 40)  # what the person did, again and again
     proof = Proof(1, 0, 0.0, 0.8, 40, 40, "a sentence")
     export_network(network, replace(taught, proof=proof), model)

@@ -289,7 +289,8 @@ def _choose(policy: DrivingPolicy, seen: Observation, robot: int, zero: str | No
     if zero == "image":
         picture = np.zeros_like(picture)
     elif zero == "path":
-        if path is None:
+        if path is None or not policy.contract.path_points:
             raise ConfigError("zero: expected image, got path; this task gives none")
-        path = np.zeros_like(path)
+        path = path.copy()
+        path[:, : policy.contract.path_points] = 0.0
     return policy.values(picture, path).argmax(axis=1)[0]

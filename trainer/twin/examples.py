@@ -25,10 +25,10 @@ AHEAD_M, DETOUR = 0.6, 1.5  # beyond what a path input tells; how much longer th
 
 
 class Examples(NamedTuple):
-    """Pictures, what the policy was told of the way, and what the person did."""
+    """Pictures, what the policy is told beside them, and what the person did."""
 
     images: np.ndarray  # (N, H, W, 3)
-    paths: np.ndarray | None  # (N, P)
+    paths: np.ndarray | None  # (N, told), see `robot.contract.PolicyContract`
     shares: np.ndarray  # (N, A) float32, of the policy's actions: right may lie between two
     weights: np.ndarray  # (N,)
     bends_pm: np.ndarray  # (N,) curvature that the person steered

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robot.contract import PATH_POINTS, Action, ImageSpec, PolicyContract
+from robot.contract import PATH_POINTS, Action, ImageSpec, PolicyContract, shares
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy, read_contract, values_of
 from tests.robot.tiny_onnx import (
@@ -194,6 +194,11 @@ def test_a_lane_keeper_may_be_told_its_last_five_commands(tmp_path: Path) -> Non
     told[PolicyContract.METADATA_KEY] = lane_contract(image=SMALL, commands=4).to_json()
     wrong = write_network(tmp_path / "w.onnx", build_network(8), told)
     assert "0 or 5 commands, got 4" in refusal(wrong)
+
+
+def test_commands_are_told_as_shares_of_the_greatest_action_and_never_more() -> None:
+    assert shares((0.3459, -0.17295)) == pytest.approx((1.0, -0.5), abs=1e-6)
+    assert shares((9.0, -9.0)) == (1.0, -1.0)
 
 
 def test_a_network_that_loads_but_fails_when_it_is_asked_is_refused(

@@ -9,6 +9,7 @@ import numpy as np
 
 from robot.camera.source import Frame
 from robot.config import RecordingConfig, RobotConfig
+from robot.contract import PolicyContract
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import FRAME_SHAPE
@@ -40,9 +41,9 @@ class ColourCamera(FakeCamera):
 class Robot:
     """Drives in lock-step; ``subject`` describes it for a recorder."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, contract: Optional[PolicyContract] = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self.model = write_policy(folder / "navigation.onnx", navigation_contract())
+        self.model = write_policy(folder / "model.onnx", contract or navigation_contract())
         self.clock = FakeClock()
         self.safety = Safety(self.clock)
         self.navigator = FakeNavigator()

@@ -14,6 +14,7 @@ from robot.inference.policy import OnnxPolicy
 from robot.parts import Tick
 from robot.recording import replay as module
 from robot.recording.drive_file import MODEL, DriveFile, DriveLog, Heard
+from robot.recording.reader import read_turns
 from robot.recording.replay import replay
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
@@ -32,6 +33,23 @@ def test_every_decision_comes_out_bit_for_bit(tmp_path: Path) -> None:
     assert found.decisions == len(ticks) - 3
     assert found.worst == 0.0
     assert len({tick.action for tick in ticks}) >= 3
+
+
+def test_who_was_told_its_last_commands_decides_by_them_again(tmp_path: Path) -> None:
+    robot = Robot(tmp_path / "robot", lane_contract(commands=5))
+    ticks = robot.drive(40)
+    (path,) = record(robot, tmp_path / "drives", ticks)
+    turns = [turn for turn, _ in read_turns(path)]
+    assert [turn.commands for turn in turns] == [ticks[turn.number].commands for turn in turns]
+    assert turns[-1].commands is not None
+    assert turns[-1].commands[-4:-2] == pytest.approx((0.2 / 0.3459, -0.1 / 0.3459))
+    assert turns[-1].commands[-2:] == (0.0, 0.0)
+    found = replay(path)
+    assert found.exact
+    assert (found.differences, found.worst, found.decisions) == ([], 0.0, len(turns))
+    other = Robot(tmp_path / "other")
+    (path,) = record(other, tmp_path / "alone", other.drive(1))
+    assert {turn.commands for turn, _ in read_turns(path)} == {None}, "it is told none"
 
 
 def written(tick: Tick, robot: Robot, folder: Path) -> Path:

@@ -131,8 +131,14 @@ def test_the_policy_is_told_what_the_wheels_were_last_told_the_oldest_first() ->
         assert bench.heard.ticks[-1].commands == pytest.approx(bench.policy.told[-1])
         sent.append(bench.heard.ticks[-1].wheels)
     assert max(map(abs, bench.policy.told[-1])) == pytest.approx(0.15 / 0.3459)
+    bench.operator.wishes.append((Command.MANUAL, WheelSpeeds(-0.1, 0.15)))
+    bench.turn(2)
+    by_hand = (-0.1 / 0.3459, 0.15 / 0.3459)
+    assert bench.policy.told[-1][-2:] == pytest.approx(by_hand, abs=1e-6)
     bench.operator.wishes.append((Command.STOP, None))
-    bench.turn(6)
+    bench.turn(2)
+    assert bench.policy.told[-1][-4:] == pytest.approx((*by_hand, 0.0, 0.0), abs=1e-6)
+    bench.turn(4)
     assert bench.policy.told[-1] == (0.0,) * 10
     assert Bench().drive().policy.told[-1] == (0.0,) * 10, "a path alone"
 

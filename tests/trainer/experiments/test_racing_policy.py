@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from robot.errors import ContractError
+from robot.inference.policy import SHIPPED_MODELS
 from sim_pybullet.tasks.track_racing import RACING_ACTIONS
 from trainer.cli import main
 from trainer.experiments.records import STACK, SteeringPolicy, Turn, named_policies
@@ -81,6 +82,12 @@ def test_a_robots_policy_turns_to_where_its_slower_wheel_is(tmp_path: Path) -> N
     stacks = np.zeros((1, HEIGHT, WIDTH, 3 * STACK), np.uint8)
     stacks[..., :8, :] = 200  # values for "left" of RACING_ACTIONS: numbers 1, 4 and 7
     assert policy.turns(stacks).tolist() == [Turn.STRAIGHT]
+
+
+def test_who_is_told_its_last_commands_is_asked_as_at_rest() -> None:
+    policy = SteeringPolicy(SHIPPED_MODELS / "lane_sight.onnx")
+    newest = np.random.default_rng(0).integers(0, 256, (2, 40, 80, 3), np.uint8)
+    assert set(policy.turns(np.tile(newest, STACK)).tolist()) <= set(Turn)
 
 
 def test_probabilities_are_added_up_but_not_what_actions_are_worth(tmp_path: Path) -> None:

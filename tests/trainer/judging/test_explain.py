@@ -8,6 +8,7 @@ import torch
 from robot.camera.files import read_picture
 from robot.contract import PolicyContract
 from robot.errors import ContractError
+from robot.inference.policy import OnnxPolicy
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL
@@ -54,6 +55,15 @@ def test_attention_is_a_map_of_the_picture(model: Path) -> None:
     assert attention.min() >= 0.0
     assert attention.max() <= 1.0
     assert not np.array_equal(attention[0], attention[1])
+
+
+def test_of_one_that_is_told_its_last_commands_it_is_as_at_rest() -> None:
+    explainer = Explainer(MODELS / "lane_sight.onnx")
+    images = np.random.default_rng(0).integers(0, 256, (2, 40, 80, 3), dtype=np.uint8)
+    assert explainer.attention(images).shape == (2, 40, 80)
+    values = explainer._run(["values"], images)[0]
+    at_rest = OnnxPolicy(MODELS / "lane_sight.onnx").values(images, np.zeros((2, 10)))
+    np.testing.assert_allclose(values, at_rest, atol=1e-4)
 
 
 def test_the_network_still_sees_what_the_torch_layers_see(model: Path) -> None:

@@ -81,7 +81,8 @@ class Chooser:
 
     def __init__(self, actions: Any = ((0.3, 0.3), (0.1, 0.2)), frames: int = 2) -> None:
         image = ImageSpec(80, 60, 20)
-        self.contract = SimpleNamespace(image=image, actions=actions, frames=frames, commands=5)
+        told = {"path_points": 4, "commands": 5}
+        self.contract = SimpleNamespace(image=image, actions=actions, frames=frames, **told)
         self.seen: list[tuple[np.ndarray, np.ndarray | None]] = []
 
     def values(self, pictures: np.ndarray, path: np.ndarray | None) -> np.ndarray:
@@ -93,7 +94,7 @@ class Chooser:
 def test_a_policy_sees_its_own_robots_stack_and_path_or_zeros(zero: str | None) -> None:
     images = np.zeros((3, 120, 160, 6), np.uint8)
     images[1, ..., :3], images[1, ..., 3:], images[2] = 50, 90, 200
-    paths = np.arange(30.0, dtype=np.float32).reshape(3, 10) + 1.0
+    paths = np.arange(42.0, dtype=np.float32).reshape(3, 14) + 1.0
     policy: Any = Chooser()
     assert _choose(policy, Observation(images, paths), 1, zero) == 3
     ((pictures, path),) = policy.seen
@@ -101,10 +102,15 @@ def test_a_policy_sees_its_own_robots_stack_and_path_or_zeros(zero: str | None) 
     assert path is not None
     shown = [0, 0] if zero == "image" else [50, 90]
     assert [int(pictures[0, 5, 5, k]) for k in (0, 3)] == shown
-    np.testing.assert_array_equal(path[0], 0.0 * paths[1] if zero == "path" else paths[1])
+    way = [0.0] * 4 if zero == "path" else paths[1, :4]
+    np.testing.assert_array_equal(path[0], [*way, *paths[1, 4:]], "its last commands stay")
+    assert (images.any(), paths.all()) == (True, True), "whoever else is told them"
     if zero == "path":
         with pytest.raises(ConfigError, match="expected image, got path; this task gives none"):
             _choose(policy, Observation(images, None), 1, zero)
+        policy.contract.path_points = 0
+        with pytest.raises(ConfigError, match="expected image, got path; this task gives none"):
+            _choose(policy, Observation(images, paths), 1, zero)
     else:
         _choose(policy, Observation(images, None), 1, zero)
         assert policy.seen[-1][1] is None

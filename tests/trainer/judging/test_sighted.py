@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, ImageSpec
+from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, ImageSpec, PolicyContract
 from robot.errors import ConfigError
 from robot.inference.policy import SHIPPED_MODELS
 from robot.inference.preprocess import FRAME_SHAPE
@@ -47,6 +47,24 @@ def test_it_stands_before_the_ducks_that_a_heedless_driver_hits(
     seen = driven(sighted)
     assert not [each for each in seen if each.end.startswith("collision")]
     assert np.median([each.tiles for each in seen]) > 5.0
+
+
+def test_who_is_told_its_last_commands_is_told_them_among_others_too() -> None:
+    asked: list[np.ndarray] = []
+
+    class Told:
+        contract = PolicyContract("lane", "coached", commands=5)
+
+        def values(self, _pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
+            asked.append(path[0])
+            return np.eye(5)[[4]]
+
+    where, looks = [load_map("rings/claw")], load_look_sampler("nominal")
+    list(drive(Pilot(Told()), "lfp", where, looks, MEETS_A_DUCK[:1], 0.3, films=False))
+    right = [0.3024 / 0.3459, 0.0576 / 0.3459]
+    for k, told in enumerate(asked[:3]):
+        np.testing.assert_allclose(told, [0.0] * (10 - 2 * k) + right * k, atol=1e-4)
+    assert len(asked) == 3
 
 
 def test_the_judge_decides_as_the_robot_does(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch.nn.utils import parameters_to_vector
 
-from tests.trainer.toy import build_model, make_toy, toy_config
+from tests.trainer.toy import BrightColumn, ToyVecEnv, build_model, make_toy, toy_config
 from trainer.algorithms.ddqn import DoubleDQN, QConfig
 from trainer.config import RunConfig
 
@@ -88,11 +88,12 @@ def test_the_settings_of_a_run_reach_its_learner(tmp_path: Path) -> None:
     assert of(a3c.optimiser, "_decay _epsilon") == [0.7, 0.2]
 
     several = {"batch": 33, "gradient_steps": 3, "buffer": 808, "warm_up": 17, "dagger_every": 6}
-    dagger = model("dagger", **several, expert_steps=77, random_share=0.04)
+    several |= {"expert_steps": 77, "random_share": 0.04, "untold_share": 0.2}
+    dagger = model("dagger", **several)
     assert of(dagger, "batch_size gradient_steps learning_starts") == [33, 3, 17]
     buffer = dagger.replay_buffer
     assert (dagger.buffer_size, dagger.train_freq.frequency, buffer.n_steps) == (808, 6, 1)
-    assert of(dagger, "expert_steps random_share") == [77, 0.04]
+    assert of(dagger, "expert_steps random_share untold_share") == [77, 0.04, 0.2]
 
     rates = pytest.approx([0.003, 0.00225, 0.0015])
     for learner, epsilon in ((q, 1e-8), (ppo, 1e-5), (a2c, 1e-5), (dagger, 1e-8)):
@@ -116,6 +117,27 @@ def test_the_expert_drives_less_and_less_and_chance_its_share(tmp_path: Path) ->
         differ = expert != learner
         wanted = 0.75 * share + 0.25 / 5.0
         assert (taken == expert)[differ].mean() == pytest.approx(wanted, abs=0.04)
+
+
+def test_a_share_is_learned_from_without_the_last_commands_but_with_the_path(
+    tmp_path: Path,
+) -> None:
+    config = replace(with_learn("dagger", untold_share=0.4), commands=5)
+    env = ToyVecEnv([lambda: BrightColumn(with_path=True)] * 8)
+    model: Any = build_model(config, env, tmp_path)
+    assert model.commands == 5
+    model.learn(128)
+    batch = model.replay_buffer.sample(2_000)
+    model.replay_buffer.sample = lambda _: batch
+    for commands, share in ((0, 0.0), (2, 0.4)):
+        batch.observations["path"][:] = 1.0
+        model.commands = commands
+        model._update(2_000)
+        seen = batch.observations["path"].numpy()
+        assert (seen[:, :6] == 1.0).all(), "the path"
+        told = seen[:, 6:]
+        assert (told == told[:, :1]).all()
+        assert (told[:, 0] == 0.0).mean() == pytest.approx(share, abs=0.04)
 
 
 def test_dagger_descends_on_the_likelihood_of_the_experts_choices(tmp_path: Path) -> None:
