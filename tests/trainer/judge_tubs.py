@@ -59,12 +59,13 @@ def recorded(folder: Path) -> Recorded:
 def ask(network: GreedyNetwork, contract: PolicyContract, seen: Examples) -> Told:
     """By its values; by the mean of its curvatures, what it turns."""
     with torch.no_grad():
-        features = network.features({"image": torch.from_numpy(seen.images)})
+        parts = {"image": seen.images} | ({} if seen.paths is None else {"path": seen.paths})
+        features = network.features({name: torch.from_numpy(each) for name, each in parts.items()})
         logits = unhedged(network.head)(features)
     mean_pm = torch.softmax(logits, 1).numpy() @ BENDS_PM
     lock_pm = BENDS_PM.max() / FULL_LOCK_DEG
     right = turns(-mean_pm / lock_pm) == turns(-seen.bends_pm / lock_pm)
-    actions = network.actions({"image": seen.images})
+    actions = network.actions(parts)
     return Told(*foretold(actions, seen, contract), int(right.sum()), len(right))
 
 
