@@ -64,13 +64,17 @@ class Board:
 
 @dataclass(frozen=True)
 class Marker:
-    """What tells one robot from the others, and where its front is."""
+    """What tells one robot from the others, and where its front is.
+
+    ``two_colour``: blue rear, front stripe in the colour named ``front``. ``tag``: AprilTag 36h11
+    number ``tag`` on the blue board, its upper edge to the front. ``plain``: blue only, without a
+    front; any blue board looks like it, so it has to be the only robot.
+    """
 
     robot: str = "robot"
-    # All show blue. ``plain`` has no front, and must be the only robot: any blue board is like it.
     kind: Kind = "two_colour"
-    front: str = "green"  # of ``two_colour``, the colour of its front stripe
-    tag: int = 0  # of ``tag``, the number of its AprilTag 36h11, whose upper edge is to the front
+    front: str = "green"
+    tag: int = 0
     board: Board = Board()
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ FRAME_WIDTH_PX = 160  # camera frames are (FRAME_HEIGHT_PX, FRAME_WIDTH_PX, 3) u
 FRAME_HEIGHT_PX = 120
 PATH_POINTS = 10  # angles in path_input (paper A, section 3.3)
 PATH_ANGLE_LIMIT_RAD = math.pi / 4
-COMMANDS = 5  # that are told: longer ago, they are done, late as camera and motors may be
+COMMANDS = 5  # that are told: what is longer ago shows in the picture, late as that may be
 LEAST_PROVEN, LEAST_FORETOLD = 0.8, 0.75  # of a taught policy, else the robot does not arm
 LEAST_STEERED = 40  # moments that it is asked about, where there was no twin to drive in
 T = TypeVar("T", bound="InFile")

@@ -28,7 +28,10 @@ shown = _short.repr  # whatever it is: a few lines of YAML with aliases may stan
 
 
 def to_plain(value: Any, decimals: Optional[int] = None) -> Any:
-    """As dicts, lists and scalars, for YAML or JSON; bytes as base64, numbers to ``decimals``."""
+    """A dataclass as dicts, lists and scalars, ready for YAML or JSON; bytes as base64.
+
+    Numbers keep so many ``decimals``, or all of them.
+    """
     if type(value) is float:  # first, because a message is mostly these
         return value if decimals is None else round(value, decimals)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -66,7 +66,10 @@ def fit(
     name: str,
     console: Console,
 ) -> None:
-    """Train on from ``checkpoint``, at a rate falling along a cosine; ends in evaluation mode."""
+    """Train a network until its steps are done, the rate falling to nothing along a cosine.
+
+    It goes on from ``checkpoint``, and ends in evaluation mode.
+    """
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
 

@@ -20,7 +20,10 @@ Config = TypeVar("Config")
 
 @contextmanager
 def appearing(folder: Path) -> Iterator[Path]:
-    """A folder that gets its name once whole, cleared after a kill; ConfigError: it exists."""
+    """A folder to fill, which gets its name once it is whole; what a kill left is taken away.
+
+    ConfigError where there is something of that name.
+    """
     if folder.exists():
         raise ConfigError(f"{folder}: expected a new folder, there is one; choose another name")
     expect_folder(folder.parent)
@@ -44,7 +47,10 @@ def refuse_run(folder: Path) -> None:
 
 
 def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], Config]) -> Config:
-    """The configuration of a run to resume, or of a fresh one; ConfigError: one not to resume."""
+    """The configuration of a run to resume, or that of one that is begun here.
+
+    ConfigError if a run lies here and it is not to be resumed.
+    """
     if resume and (folder / CONFIG).exists():
         return load_yaml(kind, folder / CONFIG)
     refuse_run(folder)

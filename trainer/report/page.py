@@ -169,7 +169,10 @@ class Picture(NamedTuple):
 
 
 def write_report(paths: Sequence[Path], out: Path) -> Path:
-    """The page of all runs at or below ``paths``, in ``out``; ConfigError: none, or one damaged."""
+    """Write the report of all runs at or below ``paths`` into the folder ``out``; the page.
+
+    ConfigError if there are no runs, or one is damaged.
+    """
     missing: list[str] = []
     runs = read_runs(paths, missing)
     out.mkdir(parents=True, exist_ok=True)

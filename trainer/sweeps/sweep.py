@@ -24,7 +24,10 @@ Job: TypeAlias = "TrainJob | EvaluateJob"
 
 
 def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int:
-    """Do all unfinished jobs; 1 when any failed. DuckpilotError: one cannot be; none was begun."""
+    """Do all jobs that are not finished; 0, or 1 when any failed.
+
+    DuckpilotError if a job cannot be done at all; then none was begun.
+    """
     waiting = [job for job in jobs if not job.finished()]
     for job in jobs:
         if job not in waiting:

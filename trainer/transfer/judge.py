@@ -21,7 +21,10 @@ _LEAST_CONTRAST = 25.0  # grey levels between paint and road, below which nothin
 
 
 def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path]) -> dict[str, Any]:
-    """``--json`` of ``translate judge``: distances to photographs, and the lines kept."""
+    """``--json`` of ``translate judge``: distances to photographs, and the lines kept.
+
+    ``sim`` are collections from the simulator, best none that it was trained with.
+    """
     image = translator.contract.image
     simulated, photographs = (load_pictures(paths, image) for paths in (sim, real))
     made, shown, folder = translator(simulated.images), photographs.images, simulated.folder
@@ -50,7 +53,10 @@ def lanes_kept(
 
 
 def colour_distance(some: np.ndarray, others: np.ndarray) -> float:
-    """Earth mover's distance of colours (N, H, W, 3), mean of red, green and blue [grey levels]."""
+    """How far the colours of pictures (N, H, W, 3) are from those of others [grey levels].
+
+    The earth mover's distance of red, green and blue, each by itself, mean of the three.
+    """
     quantiles = (np.quantile(each.reshape(-1, 3), _SHARES, axis=0) for each in (some, others))
     return float(np.abs(np.subtract(*quantiles)).mean())
 

@@ -211,7 +211,10 @@ def load_annotations(source: str) -> Annotations:
 
 
 def load_drawn(annotations: Annotations, photographs: Path, size: tuple[int, int]) -> Labelled:
-    """Photographs at (height, width) with their labels; ConfigError: one lies nowhere there."""
+    """Photographs resized to (height, width), with the labels drawn on them.
+
+    ConfigError if the folder does not hold one of them, at any depth.
+    """
     every = [path for path in photographs.rglob("*") if path.is_file()]
     paths, drawn = {path.name: path for path in every}, annotations.photographs
     for photograph in drawn:

@@ -59,7 +59,10 @@ def pictures_in(folder: Path) -> list[Path]:
 
 
 def pictures_of(path: Path) -> Iterator[np.ndarray]:
-    """(H, W, 3) uint8 RGB of a folder, a video or a recording (.mcap); DuckpilotError: none."""
+    """Those (H, W, 3) uint8 RGB of a folder, a video or a robot's recording (.mcap).
+
+    DuckpilotError if there is none.
+    """
     if path.suffix == ".mcap":
         return (frame for _, frame in read_frames(path))
     return map(read_picture, pictures_in(path)) if path.is_dir() else play(path)
