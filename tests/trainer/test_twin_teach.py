@@ -31,10 +31,13 @@ from tests.trainer import judge_teach_loop
 from tools.data.drives import write_drive
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
+from trainer.learners.networks import unhedged
 from trainer.twin import proof as proofs
+from trainer.twin import teach as twin_teach
 from trainer.twin import translation
 from trainer.twin.cli import fit_command, teach_command
 from trainer.twin.examples import AHEAD_M, Examples, examples_of, foretold, ways_driven
+from trainer.twin.manner import Manner
 from trainer.twin.proof import where_failed
 from trainer.twin.recorded import Recorded
 from trainer.twin.teach import TeachConfig, base_file, how_much, load_base, new_model, teach
@@ -287,6 +290,54 @@ def test_a_base_learns_on_and_carries_its_proof(base: str, tmp_path: Path) -> No
     assert "proven to 0% of drives" in OnnxPolicy(model).contract.unproven
 
 
+def test_without_a_map_worlds_are_driven_as_the_person_would(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """And half of what they did themselves is by chance: of the recorded, half is their manner."""
+    torch.manual_seed(0)
+    network, contract = load_base(base_file("lane_sight"))
+    worlds = []
+
+    class Always(Manner):
+        def shares(self, images: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+            worlds.append(images.copy())
+            assert otherwise.sum(axis=1).tolist() == [1.0] * len(images)
+            return np.tile(np.eye(5, dtype=np.float32)[0], (len(images), 1))
+
+    monkeypatch.setattr(twin_teach, "manner_of", lambda person, sight: Always(sight, 0.5, 1.0))
+    images = np.zeros((8, *contract.picture_shape), np.uint8)
+    straight = np.tile(np.eye(5, dtype=np.float32)[2], (8, 1))
+    paths = np.zeros((8, contract.told), np.float32)
+    person = Examples(images, paths, straight, np.ones(8), np.zeros(8))
+    config = TeachConfig(steps=40, robots=2, batch=32, recorded=32, every=1, painted=1)
+    teach(network, contract, None, person, config, seed=0)
+    seen = np.concatenate(worlds[1:])
+    told = np.zeros((len(seen), contract.told), np.float32)
+    assert (network.actions({"image": seen, "path": told}) == 0).mean() > 0.9
+    with torch.no_grad():
+        black = {"image": torch.from_numpy(images[:1]), "path": torch.from_numpy(paths[:1])}
+        values = torch.softmax(unhedged(network.head)(network.features(black)), 1)[0]
+    assert values[[0, 2]].tolist() == pytest.approx([0.5, 0.5], abs=0.15)
+
+
+def test_on_a_map_the_expert_is_right_and_nobody_asks_for_a_manner(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    network, contract = load_base(base_file("lane_sight"))
+    monkeypatch.delattr(twin_teach, "manner_of")
+    config = TeachConfig(steps=2, robots=2, batch=4, painted=1)
+    paths = np.zeros((0, contract.told), np.float32)
+    nobody = np.zeros((0, *contract.picture_shape), np.uint8), paths, np.zeros((0, 5)), *[[]] * 2
+    teach(
+        network,
+        contract,
+        (load_map("loop"), [NOMINAL]),
+        Examples(*map(np.array, nobody)),
+        config,
+        0,
+    )
+
+
 def test_each_drive_of_a_proof_has_a_floor_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
@@ -393,6 +444,9 @@ def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_
         f"never driven; steers as the person did in {proof.foretold} of {proof.steered} "
         "held-out moments"
     )
+    base = str(tmp_path / "taught" / "model.onnx")
+    assert teach_command((unmapped,), base, tmp_path / "again", steps=60) == 1, "it knows already"
+    assert not (tmp_path / "again").exists()
 
 
 @pytest.mark.parametrize("given", [{"base": "nav_ppo"}, {"cyclegan": 2}])

@@ -1,6 +1,5 @@
 """``duckpilot fit``: a twin from recordings; ``duckpilot teach``: a policy for it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ def fit_command(
     return 0
 
 
-def _fit(recordings: Sequence[Path], out: Path, console: Console) -> tuple[Any, Any, Any]:
+def _fit(recordings: tuple[Path, ...], out: Path, console: Console) -> tuple[Any, Any, Any]:
     """The drives, where the robot was at their pictures, and their map; without one no twin."""
     from trainer.processes import pool
     from trainer.twin.fit import fit_twin, write_twin, write_twin_page
@@ -74,17 +73,20 @@ def teach_command(
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
     from trainer.twin.examples import examples_of
+    from trainer.twin.manner import knows_already
     from trainer.twin.proof import prove
     from trainer.twin.teach import base_file, how_much, load_base, new_model, pose_error, teach
     from trainer.twin.translation import twin_to_real
 
     console, path = Console(soft_wrap=True, highlight=False), base_file(base)
-    network, contract = load_base(path)
-    model = new_model(out)
+    (network, contract), model = load_base(path), new_model(out)
     seen, places, road_map = _fit(recordings, out / "twin.yaml", console)
     person, held_out = (examples_of(seen, places, contract, late) for late in (False, True))
     if not road_map and (cyclegan or contract.path_points or not len(person.shares)):
         raise ConfigError("without a map: expected your own driving, a lane keeper, no --cyclegan")
+    if not road_map and (known := knows_already(path, held_out)):
+        console.print(known, markup=False)
+        return 1
     twin = road_map and (road_map, load_look_sampler(out / "twin.yaml", pose_error(contract)))
     options = how_much(bool(twin), steps)
     how = contract.image, out, cyclegan, seed, console
@@ -93,7 +95,6 @@ def teach_command(
         teach(network, contract, twin, person, options, seed, shown)
     count = contract.trained_steps + (2 if twin else 1) * options.steps * options.robots
     taught = replace(contract, run=out.name, taught_from=path.stem, trained_steps=count, score=None)
-    out.mkdir(parents=True, exist_ok=True)
     export_network(network, taught, model)
     with Progress(console=console) as bar:
         row = bar.add_task("proof", total=2 * drives)

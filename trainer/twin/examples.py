@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.contract import DRIVE, PolicyContract
+from robot.contract import DRIVE, ActionTable, PolicyContract
 from robot.errors import PlanError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.policy import AT_REST
@@ -47,7 +47,7 @@ def examples_of(
     took over from the policy, or there is no map, they knew better: often between two actions.
     Of last commands none are told: people go on as they did, and who learned that would repeat it.
     """
-    rows, bends_pm = [], _bends(contract)
+    rows, bends_pm = [], _bends(contract.actions)
     for drive, poses in zip(drives, places, strict=True):
         last_s = (1.0 - HELD_OUT) * drive.times_s[-1]
         ways = ways_driven(drive) if drive.map_name else [None] * len(drive.turns)
@@ -73,7 +73,7 @@ def examples_of(
     return Examples(
         np.array(images, np.uint8).reshape(-1, *contract.image.shape),
         np.array(paths, np.float32) if contract.told else None,
-        _shares(np.array(right), bends_pm),
+        shares_of(np.array(right), contract.actions),
         np.array(weights),
         np.array(steered),
     )
@@ -111,20 +111,21 @@ def ways_driven(drive: Recorded) -> list[Way | None]:
 
 def foretold(actions: np.ndarray, seen: Examples, contract: PolicyContract) -> tuple[int, int]:
     """In how many moments a policy steers to the person's side, of so many of clear steering."""
-    ours, clear = _bends(contract), np.abs(seen.bends_pm) > CLEAR_PM
+    ours, clear = _bends(contract.actions), np.abs(seen.bends_pm) > CLEAR_PM
     same = np.sign(ours[actions[clear]]) == np.sign(seen.bends_pm[clear])
     return int(same.sum()), int(clear.sum())
 
 
-def _shares(right_pm: np.ndarray, bends_pm: np.ndarray) -> np.ndarray:
-    """Of the two actions beside each curvature, so that their mean is it."""
+def shares_of(right_pm: np.ndarray, actions: ActionTable) -> np.ndarray:
+    """(N, A) of the two actions beside each curvature (N,), so that their mean is it."""
+    bends_pm = _bends(actions)
     order = np.argsort(bends_pm)
     each = [np.interp(right_pm, bends_pm[order], one) for one in np.eye(len(bends_pm))[:, order]]
     return np.array(each, np.float32).T
 
 
-def _bends(contract: PolicyContract) -> np.ndarray:
-    return np.array([_bend(wheels) or 0.0 for wheels in contract.actions])
+def _bends(actions: ActionTable) -> np.ndarray:
+    return np.array([_bend(wheels) or 0.0 for wheels in actions])
 
 
 def _bend(wheels: Sequence[float]) -> float | None:

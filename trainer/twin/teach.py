@@ -20,6 +20,7 @@ from robot.errors import ConfigError, ContractError, DuckpilotError
 from robot.inference.policy import SHIPPED_MODELS, Translator, read_contract
 from robot.navigation.road_map import RoadMap, load_map
 from robot.typed_config import named_file
+from robot.vision.sight import OnnxSight
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import Looks
 from sim_pybullet.randomise import Sites, load_look_sampler
@@ -31,7 +32,9 @@ from trainer.export import check_equal, noise_seen
 from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.learners.policies import build_policy
 from trainer.resumable import descend, set_rate
+from trainer.sight.cli import SHIPPED
 from trainer.twin.examples import Examples
+from trainer.twin.manner import manner_of
 
 USUAL = ("randomised", "wide")  # looks that are not to be forgotten
 
@@ -132,16 +135,19 @@ def teach(
     seen = {"image": np.zeros((frames, *contract.picture_shape), np.uint8)}
     if contract.told:
         seen["path"] = np.zeros((frames, contract.told), np.float32)
-    actions, count = np.zeros(frames, np.int64), 0
+    wanted, count = np.zeros((frames, len(FIVE_ACTIONS)), np.float32), 0
+    manner = None if twin else manner_of(person, OnnxSight(SHIPPED))
+    person = manner.smoothed(person) if manner else person
     for step in range(config.steps):
         share = max(0.0, 1.0 - step / (config.expert_share * config.steps))
         for k, world in enumerate(worlds):
             now = {name: getattr(observed[k], name) for name in seen}
-            new, expert = slice(count, count + robots), world.expert_actions().astype(np.int64)
+            new, expert = slice(count, count + robots), world.expert_actions()
             count += robots
             for name, part in now.items():
                 seen[name][new] = part
-            actions[new] = expert
+            right = np.eye(len(FIVE_ACTIONS), dtype=np.float32)[expert]
+            wanted[new] = manner.shares(now["image"], right) if manner else right
             taken = np.where(rng.random(robots) < share, expert, network.actions(now))
             chance = rng.integers(len(FIVE_ACTIONS), size=robots)
             taken = np.where(rng.random(robots) < config.random_share, chance, taken)
@@ -149,19 +155,28 @@ def teach(
         if step % config.every == 0:
             set_rate([optimiser], config.rate * (1.0 - 0.9 * step / config.steps))
             rows = rng.integers(count, size=config.batch)
-            drawn = {name: part[rows] for name, part in seen.items()}
-            wanted = np.eye(len(FIVE_ACTIONS), dtype=np.float32)[actions[rows]]
+            drawn, told = {name: part[rows] for name, part in seen.items()}, wanted[rows]
             if len(person.shares):
-                shares = person.weights / person.weights.sum()
-                chosen = rng.choice(len(person.shares), config.recorded, p=shares)
-                wanted = np.concatenate((wanted, person.shares[chosen]))
-                told: dict[str, Any] = {"image": person.images, "path": person.paths}
-                drawn = {n: np.concatenate((part, told[n][chosen])) for n, part in drawn.items()}
+                drawn, told = _with_recorded(drawn, told, person, config.recorded, rng)
             features = network.features({n: torch.from_numpy(part) for n, part in drawn.items()})
-            loss = cross_entropy(unhedged(network.head)(features), torch.from_numpy(wanted))
+            loss = cross_entropy(unhedged(network.head)(features), torch.from_numpy(told))
             descend(optimiser, loss, 10.0)
     for world in worlds:
         world.close()
+
+
+def _with_recorded(
+    drawn: dict[str, np.ndarray],
+    told: np.ndarray,
+    person: Examples,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """So many recorded frames more, and what is right there."""
+    chosen = rng.choice(len(person.shares), count, p=person.weights / person.weights.sum())
+    theirs: dict[str, Any] = {"image": person.images, "path": person.paths}
+    joined = {name: np.concatenate((part, theirs[name][chosen])) for name, part in drawn.items()}
+    return joined, np.concatenate((told, person.shares[chosen]))
 
 
 def pose_error(contract: PolicyContract) -> str | None:
