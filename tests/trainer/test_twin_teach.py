@@ -429,7 +429,9 @@ def unmapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_path: Path) -> None:
+def test_without_a_map_it_learns_to_steer_as_the_person_did(
+    unmapped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     torch.manual_seed(0)
     assert teach_command((unmapped,), out=tmp_path / "taught", steps=60) == 0
     contract = OnnxPolicy(tmp_path / "taught" / "model.onnx").contract
@@ -447,6 +449,10 @@ def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_
     base = str(tmp_path / "taught" / "model.onnx")
     assert teach_command((unmapped,), base, tmp_path / "again", steps=60) == 1, "it knows already"
     assert not (tmp_path / "again").exists()
+    told = (
+        f"model steers as the person did in {proof.foretold} of {proof.steered} held-out moments:"
+    )
+    assert told in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("given", [{"base": "nav_ppo"}, {"cyclegan": 2}])

@@ -61,8 +61,8 @@ def manner_of(person: Examples, sight: OnnxSight) -> Manner | None:
 def knows_already(base: Path, held_out: Examples) -> str:
     """Why a base need not learn to steer as a person does; "" if it must."""
     own = prove(base, None, held_out, 0, lambda _: None)
-    told = f"{base.stem}, {own.sentence}: keep it; taught by steering alone, it drives worse"
-    return "" if own.problem else told
+    told = f"{base.stem} {own.sentence.split('; ')[-1]}"
+    return "" if own.problem else f"{told}: keep it; taught by steering alone, policies drive worse"
 
 
 def _lanes(sight: OnnxSight, images: np.ndarray) -> np.ndarray:
