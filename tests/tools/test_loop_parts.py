@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -145,6 +146,25 @@ def test_a_picture_of_another_kind_is_refused(tmp_path: Path, fault: str) -> Non
     stream.close()
     server.close()
     assert "expected 160 x 120 px" in refused[0]
+
+
+def test_ports_are_free_apart_and_none_that_a_connection_may_take_by_itself() -> None:
+    """A page's was taken so, between its choice and its start."""
+    given = [free_ports(5) for _ in range(50)]
+    assert len(set(given)) == 50
+    assert min(abs(a - b) for a, b in pairwise(sorted(given))) >= 5
+    assert min(given) >= 1_024
+    assert max(given) + 5 <= 32_768
+    for base in given[:3]:
+        for port in range(base, base + 5):
+            socket.create_server(("127.0.0.1", port)).close()
+
+
+def test_ports_that_somebody_has_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.loop.bench._asked", iter((7, 7, 8)))
+    first = free_ports(3)
+    with socket.create_server(("127.0.0.1", first + 2)):
+        assert free_ports(3) == first + 8
 
 
 def test_a_network_delays_keeps_the_order_and_can_be_cut() -> None:

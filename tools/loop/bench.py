@@ -1,5 +1,6 @@
 """``Bench``: the town, and robot, localizer and monitor as processes of their own."""
 
+import os
 import re
 import shutil
 import signal
@@ -9,6 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -295,14 +297,15 @@ def keygen_of_second(folder: Path, first: dict[str, Path]) -> dict[str, Path]:
     return {f"{role}2": its for role, its in made.items()}
 
 
-def free_ports(count: int) -> int:
-    """The first of ``count`` free ports in a row; OSError when none are found."""
+_PORTS, _asked = range(10_000, 32_000, 8), count()  # a computer gives connections higher ones
+
+
+def free_ports(number: int) -> int:
+    """The first of ``number`` free ports in a row, 8 at most; OSError when none are found."""
     for _ in range(100):
-        with ExitStack() as stack, suppress(OSError, OverflowError):
-            base = 0
-            for offset in range(count):
-                listener = stack.enter_context(socket.socket())
-                listener.bind(("127.0.0.1", base + offset if base else 0))
-                base = base or int(listener.getsockname()[1])
+        base = _PORTS[(97 * os.getpid() + next(_asked)) % len(_PORTS)]
+        with ExitStack() as stack, suppress(OSError):
+            for offset in range(number):
+                stack.enter_context(socket.socket()).bind(("127.0.0.1", base + offset))
             return base
-    raise OSError(f"expected {count} free ports in a row, found none")
+    raise OSError(f"expected {number} free ports in a row, found none")

@@ -174,9 +174,8 @@ def _with_recorded(
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """So many recorded frames more, and what is right there."""
     chosen = rng.choice(len(person.shares), count, p=person.weights / person.weights.sum())
-    theirs: dict[str, Any] = {"image": person.images, "path": person.paths}
-    joined = {name: np.concatenate((part, theirs[name][chosen])) for name, part in drawn.items()}
-    return joined, np.concatenate((told, person.shares[chosen]))
+    both = {n: np.concatenate((p, getattr(person, n + "s")[chosen])) for n, p in drawn.items()}
+    return both, np.concatenate((told, person.shares[chosen]))
 
 
 def pose_error(contract: PolicyContract) -> str | None:
