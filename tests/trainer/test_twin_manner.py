@@ -20,7 +20,7 @@ BENDS_PM = (40.0 / 3.0, 3.0, 0.0, -3.0, -40.0 / 3.0)
 
 
 class Eye:
-    """Sees in the k-th picture, of one grey level, the k-th of some lanes; -1: no road there."""
+    """Sees in the k-th picture the k-th of some lanes, with the k-th probability of a road."""
 
     contract = SimpleNamespace(image=ImageSpec(80, 60, 20))
 

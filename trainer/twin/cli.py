@@ -60,7 +60,7 @@ def teach_command(
     """Teach a policy your floor: fit a twin, learn on in it, and prove it there.
 
     Leaves twin.yaml, twin.html and model.onnx in its folder; without a map it learns your steering.
-    Exit status 1 if the proof is not enough for a robot to arm, or its base drives better.
+    Exit status 1 if no robot may arm by the proof, or its base drives better or steers so already.
 
     Args:
         recordings: MCAP files of drives on one map, or without any.
