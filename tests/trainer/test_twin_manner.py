@@ -97,6 +97,17 @@ def test_it_tells_actions_of_what_is_in_sight_and_nothing_of_the_rest() -> None:
     assert (otherwise == np.eye(5)[3]).all(), "what was given stays"
 
 
+def test_half_is_as_they_usually_would_but_what_corrects_is_theirs() -> None:
+    lanes = lanes_of(np.random.default_rng(6), 4)
+    person = who(np.array((3.0, -3.0, 0.0, 3.0)), numbered(4))._replace(
+        weights=np.array((1, 4, 1, 4))
+    )
+    manner = Manner(cast("OnnxSight", Eye(lanes)), 0.5, 1.0)
+    usual, told = manner.shares(person.images, person.shares), manner.smoothed(person).shares
+    assert told[[1, 3]].tolist() == person.shares[[1, 3]].tolist()
+    assert told[[0, 2]] == pytest.approx(0.5 * (usual + person.shares)[[0, 2]])
+
+
 def test_who_steers_by_something_else_has_none() -> None:
     rng = np.random.default_rng(3)
     lanes = lanes_of(rng)

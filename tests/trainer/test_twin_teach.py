@@ -338,6 +338,23 @@ def test_on_a_map_the_expert_is_right_and_nobody_asks_for_a_manner(
     )
 
 
+def test_on_a_map_a_base_that_steers_alike_is_taught_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = drive(["MANUAL"] * 50, [LEFT] * 50)
+    (tmp_path / "twin.yaml").write_text("ground: {brightness: 0.9}")
+    fitted = [one], [np.zeros((50, 3))], load_map("loop")
+    monkeypatch.setattr("trainer.twin.cli._fit", lambda *_: fitted)
+    monkeypatch.setattr("trainer.twin.manner.knows_already", lambda *_: "it knows")
+
+    def taught(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(twin_teach, "teach", taught)
+    with pytest.raises(KeyboardInterrupt):
+        teach_command((tmp_path / "a.mcap",), out=tmp_path)
+
+
 def test_each_drive_of_a_proof_has_a_floor_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 

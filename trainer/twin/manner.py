@@ -36,9 +36,10 @@ class Manner(NamedTuple):
         return found
 
     def smoothed(self, person: Examples) -> Examples:
-        """What they did once is half by chance, so half is told as they usually would."""
-        usual = self.shares(person.images, person.shares)
-        return person._replace(shares=0.5 * (person.shares + usual))
+        """What they did is half by chance, so half is told as they usually would; no correction."""
+        usual, own = self.shares(person.images, person.shares), person.weights[:, None] > 1.0
+        half = 0.5 * (person.shares + usual)
+        return person._replace(shares=np.where(own, person.shares, half))
 
 
 def manner_of(person: Examples, sight: OnnxSight) -> Manner | None:
