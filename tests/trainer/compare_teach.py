@@ -30,7 +30,7 @@ from sim_pybullet.randomise import look_sampler
 from tests.trainer.judge_teach import floors, succeeded
 from tests.trainer.virtual_drive import record_drive
 from trainer.export import export_network
-from trainer.learners.networks import GreedyNetwork, unhedged
+from trainer.learners.networks import GreedyNetwork
 from trainer.resumable import descend, set_rate
 from trainer.transfer.cli import ParseOptions, Source, Sources, ThroughOptions
 from trainer.transfer.parser import train_parser
@@ -56,11 +56,9 @@ def by_recorded(network: GreedyNetwork, person: Examples, config: TeachConfig, s
     for step in range(0, config.steps, config.every):
         set_rate([optimiser], config.rate * (1.0 - 0.9 * step / config.steps))
         rows = rng.choice(len(person.shares), config.batch + config.recorded, p=shares)
-        seen = {"image": torch.from_numpy(person.images[rows])}
-        if person.paths is not None:
-            seen["path"] = torch.from_numpy(person.paths[rows])
-        logits = unhedged(network.head)(network.features(seen))
-        descend(optimiser, cross_entropy(logits, torch.from_numpy(person.shares[rows])), 10.0)
+        seen = {name: part[rows] for name, part in person.observed.items()}
+        told = torch.from_numpy(person.shares[rows])
+        descend(optimiser, cross_entropy(network.logits(seen), told), 10.0)
 
 
 def through_parsing(

@@ -53,7 +53,7 @@ class Floor:
     nominal_before: int  # in the nominal look, of a fifth as many
     nominal_after: int
     drives: int
-    forecast: int  # of 100, in its twin
+    forecast: int | None  # of 100, in its twin; without a map there is none
     armed: bool
     cpu_s: float  # of the teaching
 
@@ -87,7 +87,8 @@ def judge(options: argparse.Namespace, folder: Path) -> Iterator[Floor]:
     for k, (name, look) in enumerate(floors(options.seed)):
         if options.floors and name not in options.floors:
             continue
-        path = record_drive(look, options.map, options.seconds, options.seed + k, folder / "d.mcap")
+        how = options.seconds, options.seed + k, folder / "d.mcap"
+        path = record_drive(look, options.map, *how, mapped=not options.without_map)
         out, began_s = folder / name, time.process_time()
         more = {"cyclegan": options.cyclegan, "seed": options.seed}
         status = teach_command((path,), str(base), out, **more)
@@ -103,7 +104,7 @@ def judge(options: argparse.Namespace, folder: Path) -> Iterator[Floor]:
             nominal_before,
             succeeded(model, options.map, NOMINAL, few),
             options.drives,
-            round(100 * proof.succeeded / proof.drives),
+            round(100 * proof.succeeded / proof.drives) if proof.drives else None,
             status == 0,
             cpu_s,
         )
@@ -133,6 +134,7 @@ def main() -> int:
     parser = OneLineParser(prog="python -m tests.trainer.judge_teach", description=__doc__)
     parser.add_argument("--base", default="lane_coached", help="an ONNX file or a shipped policy")
     parser.add_argument("--map", default="rings/claw", help="of a ring, or a town for navigators")
+    parser.add_argument("--without-map", action="store_true", help="recordings tell of none")
     parser.add_argument("--cyclegan", type=whole(0, 10**6), default=0, help="as of teach")
     parser.add_argument("--drives", type=whole(1, 1000), default=50, help="on each true floor")
     return tell(parser, judge)

@@ -21,7 +21,7 @@ from robot.contract import DRIVE, FIVE_ACTIONS, PolicyContract, Stick, WheelSpee
 from robot.output import write_json
 from robot.recording.topics import Turn
 from trainer.experiments.records import FULL_LOCK_DEG, frames_of, load_drive, turns
-from trainer.learners.networks import GreedyNetwork, unhedged
+from trainer.learners.networks import GreedyNetwork
 from trainer.twin import examples
 from trainer.twin.examples import Examples, examples_of, foretold
 from trainer.twin.recorded import Recorded
@@ -59,13 +59,10 @@ def recorded(folder: Path) -> Recorded:
 def ask(network: GreedyNetwork, contract: PolicyContract, seen: Examples) -> Told:
     """By its values; by the mean of its curvatures, what it turns."""
     with torch.no_grad():
-        parts = {"image": seen.images} | ({} if seen.paths is None else {"path": seen.paths})
-        features = network.features({name: torch.from_numpy(each) for name, each in parts.items()})
-        logits = unhedged(network.head)(features)
-    mean_pm = torch.softmax(logits, 1).numpy() @ BENDS_PM
+        mean_pm = network.logits(seen.observed).softmax(1).numpy() @ BENDS_PM
     lock_pm = BENDS_PM.max() / FULL_LOCK_DEG
     right = turns(-mean_pm / lock_pm) == turns(-seen.bends_pm / lock_pm)
-    actions = network.actions(parts)
+    actions = network.actions(seen.observed)
     return Told(*foretold(actions, seen, contract), int(right.sum()), len(right))
 
 

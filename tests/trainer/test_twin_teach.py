@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +32,7 @@ from tests.trainer import judge_teach_loop
 from tools.data.drives import write_drive
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
-from trainer.learners.networks import unhedged
+from trainer.learners.networks import GreedyNetwork
 from trainer.twin import proof as proofs
 from trainer.twin import teach as twin_teach
 from trainer.twin import translation
@@ -301,23 +302,79 @@ def test_without_a_map_worlds_are_driven_as_the_person_would(
     class Always(Manner):
         def shares(self, images: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
             worlds.append(images.copy())
-            assert otherwise.sum(axis=1).tolist() == [1.0] * len(images)
+            assert otherwise.sum(axis=1) == pytest.approx(np.ones(len(images)))
             return np.tile(np.eye(5, dtype=np.float32)[0], (len(images), 1))
 
     monkeypatch.setattr(twin_teach, "manner_of", lambda person, sight: Always(sight, 0.5, 1.0))
     images = np.zeros((8, *contract.picture_shape), np.uint8)
     straight = np.tile(np.eye(5, dtype=np.float32)[2], (8, 1))
     paths = np.zeros((8, contract.told), np.float32)
-    person = Examples(images, paths, straight, np.ones(8), np.zeros(8))
-    config = TeachConfig(steps=40, robots=2, batch=32, recorded=32, every=1, painted=1)
+    did = network.actions({"image": images, "path": paths})[0]
+    person = Examples(images, paths, straight, np.ones(8), np.full(8, 5.0 if did > 2 else -5.0))
+    config = TeachConfig(steps=120, robots=2, batch=32, recorded=32, every=1, painted=1)
     teach(network, contract, None, person, config, seed=0)
     seen = np.concatenate(worlds[1:])
     told = np.zeros((len(seen), contract.told), np.float32)
     assert (network.actions({"image": seen, "path": told}) == 0).mean() > 0.9
-    with torch.no_grad():
-        black = {"image": torch.from_numpy(images[:1]), "path": torch.from_numpy(paths[:1])}
-        values = torch.softmax(unhedged(network.head)(network.features(black)), 1)[0]
+    values = network.logits({"image": images[:1], "path": paths[:1]}).softmax(1)[0]
     assert values[[0, 2]].tolist() == pytest.approx([0.5, 0.5], abs=0.15)
+
+
+def test_without_a_map_a_base_that_steers_alike_stays_right_in_the_looks_of_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The expert would teach it worse: taught by its labels, virtual robots kept fewer lanes."""
+    torch.manual_seed(0)
+    network, contract = load_base(base_file("lane_sight"))
+    before, seen = copy.deepcopy(network), list[dict[str, np.ndarray]]()
+    monkeypatch.delattr(twin_teach, "manner_of")
+    actions = GreedyNetwork.actions
+
+    def watched(which: GreedyNetwork, now: dict[str, np.ndarray]) -> np.ndarray:
+        seen.append({name: part.copy() for name, part in now.items()})
+        return actions(which, now)
+
+    monkeypatch.setattr(GreedyNetwork, "actions", watched)
+    images = np.zeros((8, *contract.picture_shape), np.uint8)
+    person = Examples(
+        images,
+        np.zeros((8, contract.told), np.float32),
+        np.tile(np.eye(5, dtype=np.float32)[4], (8, 1)),
+        np.ones(8),
+        np.zeros(8),
+    )
+    config = TeachConfig(steps=150, robots=4, batch=96, recorded=32, every=1, painted=1)
+    teach(network, contract, None, person, config, seed=0)
+    worlds = {n: np.concatenate([s[n] for s in seen[1:]]) for n in seen[0]}
+    alike = actions(network, worlds) == actions(before, worlds)
+    assert len(alike) == 600
+    assert alike.mean() > 0.8
+    assert (actions(network, person.observed) == 4).all(), "and it learned what they did"
+    kept = before.features.convolutions.state_dict()
+    for name, part in network.features.convolutions.state_dict().items():
+        assert torch.equal(part, kept[name]), "it sees as it did"
+
+
+@pytest.mark.parametrize("base", ["lane_coached", "lane_ppo"])
+def test_without_a_map_who_sees_by_layers_of_its_own_is_no_base(
+    base: str, unmapped: Path, tmp_path: Path
+) -> None:
+    """So few pictures spoil them: `lane_coached` drove 16 of 30 times before, and 0 after."""
+    with pytest.raises(ContractError, match="by sight, as lane_sight does"):
+        teach_command((unmapped,), base, tmp_path / "taught")
+    assert not (tmp_path / "taught" / "model.onnx").exists()
+
+
+def test_on_a_map_it_learns_to_see_there_too() -> None:
+    network, contract = load_base(base_file("lane_sight"))
+    before = copy.deepcopy(network.features.convolutions.state_dict())
+    paths = np.zeros((0, contract.told), np.float32)
+    nobody = np.zeros((0, *contract.picture_shape), np.uint8), paths, np.zeros((0, 5)), *[[]] * 2
+    config = TeachConfig(steps=2, robots=2, batch=4, painted=1)
+    where = load_map("loop"), [NOMINAL]
+    teach(network, contract, where, Examples(*map(np.array, nobody)), config, 0)
+    after = network.features.convolutions.state_dict()
+    assert not all(torch.equal(part, before[name]) for name, part in after.items())
 
 
 def test_on_a_map_the_expert_is_right_and_nobody_asks_for_a_manner(
@@ -336,23 +393,6 @@ def test_on_a_map_the_expert_is_right_and_nobody_asks_for_a_manner(
         config,
         0,
     )
-
-
-def test_on_a_map_a_base_that_steers_alike_is_taught_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    one = drive(["MANUAL"] * 50, [LEFT] * 50)
-    (tmp_path / "twin.yaml").write_text("ground: {brightness: 0.9}")
-    fitted = [one], [np.zeros((50, 3))], load_map("loop")
-    monkeypatch.setattr("trainer.twin.cli._fit", lambda *_: fitted)
-    monkeypatch.setattr("trainer.twin.manner.knows_already", lambda *_: "it knows")
-
-    def taught(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(twin_teach, "teach", taught)
-    with pytest.raises(KeyboardInterrupt):
-        teach_command((tmp_path / "a.mcap",), out=tmp_path)
 
 
 def test_each_drive_of_a_proof_has_a_floor_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -446,11 +486,10 @@ def unmapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_without_a_map_it_learns_to_steer_as_the_person_did(
-    unmapped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_path: Path) -> None:
     torch.manual_seed(0)
-    assert teach_command((unmapped,), out=tmp_path / "taught", steps=60) == 0
+    by = {"base": "lane_sight", "steps": 60}
+    assert teach_command((unmapped,), out=tmp_path / "taught", **by) == 0
     contract = OnnxPolicy(tmp_path / "taught" / "model.onnx").contract
     proof = contract.proof
     assert proof is not None
@@ -458,18 +497,13 @@ def test_without_a_map_it_learns_to_steer_as_the_person_did(
     assert proof.foretold > 0.9 * proof.steered > 75
     assert contract.unproven == ""
     with pytest.raises(ConfigError, match="expected no policy here yet"):
-        teach_command((unmapped,), out=tmp_path / "taught", steps=60)
+        teach_command((unmapped,), out=tmp_path / "taught", **by)
     assert proof.sentence == (
         f"never driven; steers as the person did in {proof.foretold} of {proof.steered} "
         "held-out moments"
     )
     base = str(tmp_path / "taught" / "model.onnx")
-    assert teach_command((unmapped,), base, tmp_path / "again", steps=60) == 1, "it knows already"
-    assert not (tmp_path / "again").exists()
-    told = (
-        f"model steers as the person did in {proof.foretold} of {proof.steered} held-out moments:"
-    )
-    assert told in capsys.readouterr().out
+    assert teach_command((unmapped,), base, tmp_path / "again", steps=60) == 0
 
 
 @pytest.mark.parametrize("given", [{"base": "nav_ppo"}, {"cyclegan": 2}])

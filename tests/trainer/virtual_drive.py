@@ -32,7 +32,13 @@ _ENDLESS_LAPS = 1e6
 
 
 def record_drive(
-    look: Look, map_name: str, seconds: float, seed: int, path: Path, reverse: float = 0.0
+    look: Look,
+    map_name: str,
+    seconds: float,
+    seed: int,
+    path: Path,
+    reverse: float = 0.0,
+    mapped: bool = True,
 ) -> Path:
     """Drive along a lane of a ring of road, else from place to place, and record it.
 
@@ -46,13 +52,14 @@ def record_drive(
         seed: of everything random.
         path: of the recording, .mcap.
         reverse: share of the time that the steering is written down the wrong way round.
+        mapped: whether the recording tells the map and where on it the robot was.
     """
     task = _endless(load_map(map_name))
     world = BatchWorld(task, [replace(look, pose=ARENA_POSE)], ImageSpec(), seed)
     rng, told = np.random.default_rng((seed, 1)), PoseError(1)
     told.reset(0, ARENA_POSE, rng)
     config = json.dumps({"hat": {"acceleration_mps2": look.drive.acceleration_mps2}})
-    file = DriveFile(path, {"map": map_name, "robot": "virtual", "config": config})
+    file = DriveFile(path, {"map": map_name * mapped, "robot": "virtual", "config": config})
     image, person, frame = world.reset().image, Person(rng), 1
     for k in range(round(seconds / CONTROL_DT_S)):
         now_s = BEGAN_S + k * CONTROL_DT_S
@@ -60,8 +67,9 @@ def record_drive(
         told_wheels = wheels[::-1] if k % 40 < 40 * reverse else wheels
         arrived, captured_s = told.observe(world.poses, now_s, rng)
         age_s = now_s - float(captured_s[0])
-        _write(file, (k, frame), now_s, image[0], told_wheels, arrived[0], age_s)
-        if task.guided:
+        pose = arrived[0] if mapped else np.full(3, np.nan)
+        _write(file, (k, frame), now_s, image[0], told_wheels, pose, age_s)
+        if task.guided and mapped:
             believed = Pose(*world.guidance.poses[0].tolist())
             file.add(topics.POSE, now_s, topics.pose_message(now_s, believed), k)
         shares = np.clip(np.array([wheels]) / MAX_WHEEL_MPS, -1.0, 1.0)

@@ -241,10 +241,16 @@ class GreedyNetwork(nn.Module):
     @torch.no_grad()
     def actions(self, observation: np.ndarray | dict[str, np.ndarray]) -> np.ndarray:
         """The greedy choices (N,) int64 for a batch as the environment gives it."""
+        return self(**self._tensors(observation)).argmax(dim=1).cpu().numpy()
+
+    def logits(self, observation: np.ndarray | dict[str, np.ndarray]) -> torch.Tensor:
+        """(N, actions) of what was learned, without a `Hedge`."""
+        return unhedged(self.head)(self.features(self._tensors(observation)))
+
+    def _tensors(self, observation: np.ndarray | dict[str, np.ndarray]) -> dict[str, torch.Tensor]:
         device = next(self.parameters()).device
         parts = parts_of(observation).items()
-        tensors = {name: torch.from_numpy(part).to(device) for name, part in parts}
-        return self(**tensors).argmax(dim=1).cpu().numpy()
+        return {name: torch.from_numpy(part).to(device) for name, part in parts}
 
 
 def unhedged(head: nn.Sequential) -> nn.Sequential:

@@ -33,6 +33,11 @@ class Examples(NamedTuple):
     weights: np.ndarray  # (N,)
     bends_pm: np.ndarray  # (N,) curvature that the person steered
 
+    @property
+    def observed(self) -> dict[str, np.ndarray]:
+        """What a policy takes."""
+        return {"image": self.images} | ({} if self.paths is None else {"path": self.paths})
+
 
 def examples_of(
     drives: Sequence[Recorded],
@@ -72,7 +77,7 @@ def examples_of(
     images, paths, right, weights, steered = zip(*rows, strict=True) if rows else ((),) * 5
     return Examples(
         np.array(images, np.uint8).reshape(-1, *contract.image.shape),
-        np.array(paths, np.float32) if contract.told else None,
+        np.array(paths, np.float32).reshape(-1, contract.told) if contract.told else None,
         shares_of(np.array(right), contract.actions),
         np.array(weights),
         np.array(steered),

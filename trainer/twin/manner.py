@@ -6,7 +6,6 @@ tells of both sides, and of pictures that nobody took.
 """
 
 import math
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ import numpy as np
 from robot.contract import FIVE_ACTIONS
 from robot.vision.sight import OnnxSight
 from trainer.twin.examples import Examples, shares_of
-from trainer.twin.proof import prove
 
 _AHEAD_M = np.geomspace(0.12, 1.2, 25)  # asked
 _EXPLAINED = 0.25  # of the square of a person's curvature, by their manner, at least
@@ -57,13 +55,6 @@ def manner_of(person: Examples, sight: OnnxSight) -> Manner | None:
             alike = float(pure_pm @ did_pm) / both
             found = Manner(sight, ahead_m, float(did_pm @ did_pm) / both)
     return found
-
-
-def knows_already(base: Path, held_out: Examples) -> str:
-    """Why a base need not learn to steer as a person does; "" if it must."""
-    own = prove(base, None, held_out, 0, lambda _: None)
-    told = f"{base.stem} {own.sentence.split('; ')[-1]}"
-    return "" if own.problem else f"{told}: keep it; taught by steering alone, policies drive worse"
 
 
 def _lanes(sight: OnnxSight, images: np.ndarray) -> np.ndarray:

@@ -2,9 +2,11 @@
 
 DAgger (Ross et al. 2011) in worlds of two kinds: the twin's, and the training's against forgetting.
 The expert knows the true path. Recorded frames come with the person's steering; what they did when
-they took over counts most (HG-DAgger, Kelly et al. 2019). Without a map there is no twin.
+they took over counts most (HG-DAgger, Kelly et al. 2019). Without a map there is no twin; what the
+policy did before is right in the looks of before, or what the person would do. It sees as it did.
 """
 
+import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ import torch
 from onnx import numpy_helper
 from torch.nn.functional import cross_entropy
 
-from robot.contract import FIVE_ACTIONS, PolicyContract
+from robot.contract import FIVE_ACTIONS, LEAST_FORETOLD, PolicyContract
 from robot.errors import ConfigError, ContractError, DuckpilotError
 from robot.inference.policy import SHIPPED_MODELS, Translator, read_contract
 from robot.navigation.road_map import RoadMap, load_map
@@ -29,12 +31,13 @@ from trainer.algorithms import find_algorithm
 from trainer.config import NetConfig, RunConfig
 from trainer.division import division
 from trainer.export import check_equal, noise_seen
+from trainer.learners.backbone import Backbone
 from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.learners.policies import build_policy
 from trainer.resumable import descend, set_rate
 from trainer.sight.cli import SHIPPED
-from trainer.twin.examples import Examples
-from trainer.twin.manner import manner_of
+from trainer.twin.examples import Examples, foretold
+from trainer.twin.manner import Manner, manner_of
 
 USUAL = ("randomised", "wide")  # looks that are not to be forgotten
 
@@ -123,7 +126,7 @@ def teach(
 ) -> None:
     """Let the network learn on, in place; it sees the twin through a ``translator``, if any.
 
-    ContractError: a policy of another vehicle or other actions, or of stacked pictures.
+    ContractError: of another vehicle, of stacked pictures; without a twin, not by sight's layers.
     """
     if contract.actions != FIVE_ACTIONS or contract.frames != 1:
         raise ContractError("teach: expected a policy of one picture and the five actions")
@@ -132,12 +135,11 @@ def teach(
     worlds = _worlds(contract, twin, config, seed, translator)
     optimiser = torch.optim.Adam(network.parameters(), config.rate)
     observed, frames = [world.reset() for world in worlds], len(worlds) * robots * config.steps
-    seen = {"image": np.zeros((frames, *contract.picture_shape), np.uint8)}
-    if contract.told:
-        seen["path"] = np.zeros((frames, contract.told), np.float32)
+    seen = {n: np.zeros((frames, *p.shape[1:]), p.dtype) for n, p in person.observed.items()}
     wanted, count = np.zeros((frames, len(FIVE_ACTIONS)), np.float32), 0
-    manner = None if twin else manner_of(person, OnnxSight(SHIPPED))
+    before, manner = (None, None) if twin else _as_before(network, contract, person)
     person = manner.smoothed(person) if manner else person
+    recorded, often = person.observed, person.weights / person.weights.sum()
     for step in range(config.steps):
         share = max(0.0, 1.0 - step / (config.expert_share * config.steps))
         for k, world in enumerate(worlds):
@@ -146,8 +148,9 @@ def teach(
             count += robots
             for name, part in now.items():
                 seen[name][new] = part
-            right = np.eye(len(FIVE_ACTIONS), dtype=np.float32)[expert]
-            wanted[new] = manner.shares(now["image"], right) if manner else right
+            wanted[new] = before.logits(now).softmax(1).numpy() if before else np.eye(5)[expert]
+            if manner:
+                wanted[new] = manner.shares(now["image"], wanted[new])
             taken = np.where(rng.random(robots) < share, expert, network.actions(now))
             chance = rng.integers(len(FIVE_ACTIONS), size=robots)
             taken = np.where(rng.random(robots) < config.random_share, chance, taken)
@@ -157,25 +160,25 @@ def teach(
             rows = rng.integers(count, size=config.batch)
             drawn, told = {name: part[rows] for name, part in seen.items()}, wanted[rows]
             if len(person.shares):
-                drawn, told = _with_recorded(drawn, told, person, config.recorded, rng)
-            features = network.features({n: torch.from_numpy(part) for n, part in drawn.items()})
-            loss = cross_entropy(unhedged(network.head)(features), torch.from_numpy(told))
-            descend(optimiser, loss, 10.0)
+                some = rng.choice(len(person.shares), config.recorded, p=often)
+                drawn = {n: np.concatenate((p, recorded[n][some])) for n, p in drawn.items()}
+                told = np.concatenate((told, person.shares[some]))
+            descend(optimiser, cross_entropy(network.logits(drawn), torch.from_numpy(told)), 10.0)
     for world in worlds:
         world.close()
 
 
-def _with_recorded(
-    drawn: dict[str, np.ndarray],
-    told: np.ndarray,
-    person: Examples,
-    count: int,
-    rng: np.random.Generator,
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """So many recorded frames more, and what is right there."""
-    chosen = rng.choice(len(person.shares), count, p=person.weights / person.weights.sum())
-    both = {n: np.concatenate((p, getattr(person, n + "s")[chosen])) for n, p in drawn.items()}
-    return both, np.concatenate((told, person.shares[chosen]))
+def _as_before(
+    network: GreedyNetwork, contract: PolicyContract, person: Examples
+) -> tuple[GreedyNetwork, Manner | None]:
+    """A policy before it learns, and a person's manner if that is another and can be told."""
+    if not isinstance(seeing := network.features.convolutions, Backbone):
+        raise ContractError("without a map: expected a base that sees by sight, as lane_sight does")
+    seeing.requires_grad_(False)  # so few pictures would spoil it
+    before = copy.deepcopy(network).requires_grad_(False)
+    same, clear = foretold(before.actions(person.observed), person, contract)
+    known = same >= LEAST_FORETOLD * clear
+    return before, None if known else manner_of(person, OnnxSight(SHIPPED))
 
 
 def pose_error(contract: PolicyContract) -> str | None:
