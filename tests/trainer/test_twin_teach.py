@@ -360,21 +360,23 @@ def test_without_a_map_who_sees_by_layers_of_its_own_is_no_base(
     base: str, unmapped: Path, tmp_path: Path
 ) -> None:
     """So few pictures spoil them: `lane_coached` drove 16 of 30 times before, and 0 after."""
-    with pytest.raises(ContractError, match="by sight, as lane_sight does"):
+    with pytest.raises(ConfigError, match="base lane_sight"):
         teach_command((unmapped,), base, tmp_path / "taught")
     assert not (tmp_path / "taught" / "model.onnx").exists()
 
 
-def test_on_a_map_it_learns_to_see_there_too() -> None:
-    network, contract = load_base(base_file("lane_sight"))
+@pytest.mark.parametrize(("base", "stays"), [("lane_coached", False), ("lane_sight", True)])
+def test_on_a_map_who_sees_by_layers_of_its_own_learns_to_see_there(base: str, stays: bool) -> None:
+    network, contract = load_base(base_file(base))
     before = copy.deepcopy(network.features.convolutions.state_dict())
-    paths = np.zeros((0, contract.told), np.float32)
-    nobody = np.zeros((0, *contract.picture_shape), np.uint8), paths, np.zeros((0, 5)), *[[]] * 2
+    paths = np.zeros((0, contract.told), np.float32) if contract.told else None
+    nothing = np.zeros((0, *contract.picture_shape), np.uint8), paths, np.zeros((0, 5))
+    nobody = Examples(*nothing, np.zeros(0), np.zeros(0))
     config = TeachConfig(steps=2, robots=2, batch=4, painted=1)
     where = load_map("loop"), [NOMINAL]
-    teach(network, contract, where, Examples(*map(np.array, nobody)), config, 0)
+    teach(network, contract, where, nobody, config, 0)
     after = network.features.convolutions.state_dict()
-    assert not all(torch.equal(part, before[name]) for name, part in after.items())
+    assert all(torch.equal(part, before[name]) for name, part in after.items()) == stays
 
 
 def test_on_a_map_the_expert_is_right_and_nobody_asks_for_a_manner(
@@ -510,7 +512,7 @@ def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_
 def test_without_a_map_there_is_no_way_and_no_twin(
     given: dict[str, Any], unmapped: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(ConfigError, match="a lane keeper, no --cyclegan"):
+    with pytest.raises(ConfigError, match="base lane_sight, no --cyclegan"):
         teach_command((unmapped,), out=tmp_path, **given)
     with pytest.raises(ConfigError, match="drives on a map, got drives without one"):
         fit_command((unmapped,), tmp_path / "twin.yaml")

@@ -50,7 +50,7 @@ def _fit(recordings: tuple[Path, ...], out: Path, console: Console) -> tuple[Any
 
 def teach_command(
     recordings: tyro.conf.Positional[tuple[Path, ...]],
-    base: str = "lane_coached",
+    base: str = "lane_sight",
     out: Path = Path("my_policy"),
     drives: int = 100,
     steps: int | None = None,
@@ -72,6 +72,7 @@ def teach_command(
     """
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
+    from trainer.learners.backbone import Backbone
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
     from trainer.twin.teach import base_file, how_much, load_base, new_model, pose_error, teach
@@ -81,8 +82,9 @@ def teach_command(
     (network, contract), model = load_base(path), new_model(out)
     seen, places, road_map = _fit(recordings, out / "twin.yaml", console)
     person, held_out = (examples_of(seen, places, contract, late) for late in (False, True))
-    if not road_map and (cyclegan or contract.path_points or not len(person.shares)):
-        raise ConfigError("without a map: expected your own driving, a lane keeper, no --cyclegan")
+    able = isinstance(network.features.convolutions, Backbone) and not contract.path_points
+    if not road_map and (cyclegan or not able or not len(person.shares)):
+        raise ConfigError("without a map: expected your driving, base lane_sight, no --cyclegan")
     twin = road_map and (road_map, load_look_sampler(out / "twin.yaml", pose_error(contract)))
     options = how_much(bool(twin), steps)
     how = contract.image, out, cyclegan, seed, console

@@ -2,8 +2,9 @@
 
 DAgger (Ross et al. 2011) in worlds of two kinds: the twin's, and the training's against forgetting.
 The expert knows the true path. Recorded frames come with the person's steering; what they did when
-they took over counts most (HG-DAgger, Kelly et al. 2019). Without a map there is no twin; what the
-policy did before is right in the looks of before, or what the person would do. It sees as it did.
+they took over counts most (HG-DAgger, Kelly et al. 2019). Without a map there is no twin.
+
+Who sees by the layers of sight goes on seeing so, and in the looks of before it is right itself.
 """
 
 import copy
@@ -90,7 +91,7 @@ def load_base(path: Path) -> tuple[GreedyNetwork, PolicyContract]:
         net, image = _widths(weights, path), contract.image
         how: dict[str, Any] = {"image": image, "net": net, "commands": contract.commands}
         run = RunConfig(contract.task, contract.algorithm, "", learn, **how)
-        network = GreedyNetwork(build_policy(run)).requires_grad_(True)  # what it sees by, too
+        network = GreedyNetwork(build_policy(run))
         if not any(name.endswith(".costs") for name in weights):
             network.head = unhedged(network.head)
         network.load_state_dict(weights)
@@ -126,10 +127,11 @@ def teach(
 ) -> None:
     """Let the network learn on, in place; it sees the twin through a ``translator``, if any.
 
-    ContractError: of another vehicle, of stacked pictures; without a twin, not by sight's layers.
+    ContractError: a policy of another vehicle or other actions, or of stacked pictures.
     """
     if contract.actions != FIVE_ACTIONS or contract.frames != 1:
         raise ContractError("teach: expected a policy of one picture and the five actions")
+    before = copy.deepcopy(network) if isinstance(network.features.convolutions, Backbone) else None
     torch.set_num_threads(1)
     rng, robots = np.random.default_rng(seed), config.robots
     worlds = _worlds(contract, twin, config, seed, translator)
@@ -137,7 +139,7 @@ def teach(
     observed, frames = [world.reset() for world in worlds], len(worlds) * robots * config.steps
     seen = {n: np.zeros((frames, *p.shape[1:]), p.dtype) for n, p in person.observed.items()}
     wanted, count = np.zeros((frames, len(FIVE_ACTIONS)), np.float32), 0
-    before, manner = (None, None) if twin else _as_before(network, contract, person)
+    manner = None if twin else _manner(network, contract, person)
     person = manner.smoothed(person) if manner else person
     recorded, often = person.observed, person.weights / person.weights.sum()
     for step in range(config.steps):
@@ -148,7 +150,9 @@ def teach(
             count += robots
             for name, part in now.items():
                 seen[name][new] = part
-            wanted[new] = before.logits(now).softmax(1).numpy() if before else np.eye(5)[expert]
+            wanted[new] = np.eye(len(FIVE_ACTIONS))[expert]
+            if before and k == len(worlds) - 1:
+                wanted[new] = before.logits(now).detach().softmax(1).numpy()
             if manner:
                 wanted[new] = manner.shares(now["image"], wanted[new])
             taken = np.where(rng.random(robots) < share, expert, network.actions(now))
@@ -168,17 +172,10 @@ def teach(
         world.close()
 
 
-def _as_before(
-    network: GreedyNetwork, contract: PolicyContract, person: Examples
-) -> tuple[GreedyNetwork, Manner | None]:
-    """A policy before it learns, and a person's manner if that is another and can be told."""
-    if not isinstance(seeing := network.features.convolutions, Backbone):
-        raise ContractError("without a map: expected a base that sees by sight, as lane_sight does")
-    seeing.requires_grad_(False)  # so few pictures would spoil it
-    before = copy.deepcopy(network).requires_grad_(False)
-    same, clear = foretold(before.actions(person.observed), person, contract)
-    known = same >= LEAST_FORETOLD * clear
-    return before, None if known else manner_of(person, OnnxSight(SHIPPED))
+def _manner(network: GreedyNetwork, contract: PolicyContract, person: Examples) -> Manner | None:
+    """Of a person who does not steer as the network does, if it can be told."""
+    same, clear = foretold(network.actions(person.observed), person, contract)
+    return None if same >= LEAST_FORETOLD * clear else manner_of(person, OnnxSight(SHIPPED))
 
 
 def pose_error(contract: PolicyContract) -> str | None:
