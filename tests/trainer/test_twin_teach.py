@@ -379,6 +379,37 @@ def test_on_a_map_who_sees_by_layers_of_its_own_learns_to_see_there(base: str, s
     assert all(torch.equal(part, before[name]) for name, part in after.items()) == stays
 
 
+@pytest.mark.parametrize(("base", "by_base"), [("lane_sight", True), ("lane_coached", False)])
+def test_the_expert_is_right_in_the_twin_and_a_base_that_sees_by_sight_elsewhere(
+    base: str, by_base: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network, contract = load_base(base_file(base))
+    worlds_of, told = twin_teach._worlds, list[np.ndarray]()
+
+    def worlds(*given: Any) -> list[Any]:
+        twin, usual = made = worlds_of(*given)
+        twin.expert_actions = lambda: np.zeros(2, int)  # type: ignore[method-assign]
+        usual.expert_actions = lambda: np.full(2, 4)  # type: ignore[method-assign]
+        return made
+
+    def loss(logits: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+        told.append(wanted.numpy())
+        return logits.sum() * 0.0
+
+    monkeypatch.setattr(twin_teach, "_worlds", worlds)
+    monkeypatch.setattr(twin_teach, "cross_entropy", loss)
+    paths = np.zeros((0, contract.told), np.float32) if contract.told else None
+    nothing = np.zeros((0, *contract.picture_shape), np.uint8), paths, np.zeros((0, 5))
+    nobody = Examples(*nothing, np.zeros(0), np.zeros(0))
+    config = TeachConfig(steps=30, robots=2, batch=32, every=1, painted=1)
+    teach(network, contract, (load_map("loop"), [NOMINAL]), nobody, config, 0)
+    rows = np.concatenate(told)
+    left, right = ((rows == np.eye(5)[k]).all(axis=1).mean() for k in (0, 4))
+    assert 0.4 < left < 0.6
+    assert right == (0.0 if by_base else pytest.approx(1.0 - left))
+    assert rows.sum(axis=1) == pytest.approx(np.ones(len(rows)), abs=1e-5)
+
+
 def test_on_a_map_the_expert_is_right_and_nobody_asks_for_a_manner(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
