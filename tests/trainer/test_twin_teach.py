@@ -343,8 +343,19 @@ def test_without_a_map_a_base_that_steers_alike_stays_right_in_the_looks_of_befo
         np.ones(8),
         np.zeros(8),
     )
+    wanted = list[torch.Tensor]()
+
+    def loss(logits: torch.Tensor, told: torch.Tensor) -> torch.Tensor:
+        wanted.append(told[:96])
+        return torch.nn.functional.cross_entropy(logits, told)
+
+    monkeypatch.setattr(twin_teach, "cross_entropy", loss)
     config = TeachConfig(steps=150, robots=4, batch=96, recorded=32, every=1, painted=1)
     teach(network, contract, None, person, config, seed=0)
+    right = before.logits({n: np.concatenate([s[n] for s in seen[1:]]) for n in seen[0]})
+    known = {row.tobytes() for row in right.softmax(1).detach().numpy().round(3)}
+    asked = [row.tobytes() in known for row in torch.cat(wanted).numpy().round(3)]
+    assert np.mean(asked) > 0.95, "by what it was, not by what it becomes"
     worlds = {n: np.concatenate([s[n] for s in seen[1:]]) for n in seen[0]}
     alike = actions(network, worlds) == actions(before, worlds)
     assert len(alike) == 600
@@ -410,22 +421,44 @@ def test_the_expert_is_right_in_the_twin_and_a_base_that_sees_by_sight_elsewhere
     assert rows.sum(axis=1) == pytest.approx(np.ones(len(rows)), abs=1e-5)
 
 
-def test_on_a_map_the_expert_is_right_and_nobody_asks_for_a_manner(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_on_a_map_nobody_asks_for_a_manner(monkeypatch: pytest.MonkeyPatch) -> None:
     network, contract = load_base(base_file("lane_sight"))
     monkeypatch.delattr(twin_teach, "manner_of")
+    images = np.zeros((8, *contract.picture_shape), np.uint8)
+    paths, shares = np.zeros((8, contract.told), np.float32), np.full((8, 5), 0.2, np.float32)
+    did = network.actions({"image": images, "path": paths})[0]
+    other = Examples(images, paths, shares, np.ones(8), np.full(8, 5.0 if did > 2 else -5.0))
     config = TeachConfig(steps=2, robots=2, batch=4, painted=1)
-    paths = np.zeros((0, contract.told), np.float32)
-    nobody = np.zeros((0, *contract.picture_shape), np.uint8), paths, np.zeros((0, 5)), *[[]] * 2
-    teach(
-        network,
-        contract,
-        (load_map("loop"), [NOMINAL]),
-        Examples(*map(np.array, nobody)),
-        config,
-        0,
-    )
+    teach(network, contract, (load_map("loop"), [NOMINAL]), other, config, 0)
+
+
+def test_what_counts_most_is_learned_most_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, contract = load_base(base_file("lane_sight"))
+    told = list[np.ndarray]()
+
+    def loss(logits: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+        told.append(wanted.numpy()[4:])
+        return logits.sum() * 0.0
+
+    monkeypatch.setattr(twin_teach, "cross_entropy", loss)
+    shares = np.repeat(np.eye(5, dtype=np.float32)[[0, 4]], 5, axis=0)
+    images = np.zeros((10, *contract.picture_shape), np.uint8)
+    paths, weights = np.zeros((10, contract.told), np.float32), np.repeat((1.0, 4.0), 5)
+    person = Examples(images, paths, shares, weights, np.zeros(10))
+    config = TeachConfig(steps=20, robots=2, batch=4, recorded=50, every=1, painted=1)
+    teach(network, contract, None, person, config, 0)
+    assert np.concatenate(told).shape == (1_000, 5)
+    assert np.concatenate(told)[:, 4].mean() == pytest.approx(0.8, abs=0.05)
+
+
+def test_who_drove_nothing_still_tells_of_what_a_policy_takes() -> None:
+    nobody = examples_of([], [], read_contract(base_file("lane_sight")), held_out=False)
+    assert {n: p.shape for n, p in nobody.observed.items()} == {
+        "image": (0, 40, 80, 3),
+        "path": (0, 10),
+    }
+    assert {p.dtype for p in nobody.observed.values()} == {np.dtype("uint8"), np.dtype("float32")}
+    assert list(examples_of([], [], LANE, held_out=False).observed) == ["image"]
 
 
 def test_each_drive_of_a_proof_has_a_floor_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -521,8 +554,7 @@ def unmapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_path: Path) -> None:
     torch.manual_seed(0)
-    by = {"base": "lane_sight", "steps": 60}
-    assert teach_command((unmapped,), out=tmp_path / "taught", **by) == 0
+    assert teach_command((unmapped,), out=tmp_path / "taught", steps=60) == 0
     contract = OnnxPolicy(tmp_path / "taught" / "model.onnx").contract
     proof = contract.proof
     assert proof is not None
@@ -530,7 +562,7 @@ def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_
     assert proof.foretold > 0.9 * proof.steered > 75
     assert contract.unproven == ""
     with pytest.raises(ConfigError, match="expected no policy here yet"):
-        teach_command((unmapped,), out=tmp_path / "taught", **by)
+        teach_command((unmapped,), out=tmp_path / "taught", steps=60)
     assert proof.sentence == (
         f"never driven; steers as the person did in {proof.foretold} of {proof.steered} "
         "held-out moments"
@@ -539,7 +571,7 @@ def test_without_a_map_it_learns_to_steer_as_the_person_did(unmapped: Path, tmp_
     assert teach_command((unmapped,), base, tmp_path / "again", steps=60) == 0
 
 
-@pytest.mark.parametrize("given", [{"base": "nav_ppo"}, {"cyclegan": 2}])
+@pytest.mark.parametrize("given", [{"base": "nav_ppo"}, {"base": "nav_sight"}, {"cyclegan": 2}])
 def test_without_a_map_there_is_no_way_and_no_twin(
     given: dict[str, Any], unmapped: Path, tmp_path: Path
 ) -> None:
@@ -547,6 +579,17 @@ def test_without_a_map_there_is_no_way_and_no_twin(
         teach_command((unmapped,), out=tmp_path, **given)
     with pytest.raises(ConfigError, match="drives on a map, got drives without one"):
         fit_command((unmapped,), tmp_path / "twin.yaml")
+
+
+def test_a_navigator_is_not_taught_without_a_map_whatever_it_was_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = drive(["MANUAL"] * 50, [LEFT] * 50)
+    told = tuple(replace(turn, path=(0.0,) * 10) for turn in one.turns)
+    fitted = [one._replace(map_name="", turns=told)], [None], None
+    monkeypatch.setattr("trainer.twin.cli._fit", lambda *_: fitted)
+    with pytest.raises(ConfigError, match="base lane_sight"):
+        teach_command((tmp_path / "a.mcap",), "nav_sight", tmp_path)
 
 
 def test_a_proof_says_where_most_drives_fail_and_when() -> None:
