@@ -32,6 +32,7 @@ from tests.trainer import judge_teach_loop
 from tools.data.drives import write_drive
 from trainer.export import export_network
 from trainer.judging.evaluate import Ride
+from trainer.judging.intervals import share
 from trainer.learners.networks import GreedyNetwork
 from trainer.twin import proof as proofs
 from trainer.twin import teach as twin_teach
@@ -579,6 +580,33 @@ def test_without_a_map_there_is_no_way_and_no_twin(
         teach_command((unmapped,), out=tmp_path, **given)
     with pytest.raises(ConfigError, match="drives on a map, got drives without one"):
         fit_command((unmapped,), tmp_path / "twin.yaml")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "status"), [(100, 99, 0), (100, 90, 1), (96, 96, 0), (99, 85, 1)]
+)
+def test_who_drives_worse_once_taught_is_not_to_be_armed_unless_it_may_be_luck(
+    before: int,
+    after: int,
+    status: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """`lane_sight` had driven 100 of 100 times in a twin, and 99 taught: "it drives worse"."""
+    fitted = [drive(["MANUAL"] * 50, [LEFT] * 50)], [np.zeros((50, 3))], load_map("loop")
+    (tmp_path / "twin.yaml").write_text("ground: {brightness: 0.9}")
+    left = iter((before, after))
+
+    def prove(*_: object) -> Proof:
+        value, low, high = share(good := next(left), 100)
+        return Proof(100, good, low, high, 50, 50, f"{value:.0%}")
+
+    monkeypatch.setattr("trainer.twin.cli._fit", lambda *_: fitted)
+    monkeypatch.setattr("trainer.twin.teach.teach", lambda *_: None)
+    monkeypatch.setattr("trainer.twin.proof.prove", prove)
+    assert teach_command((tmp_path / "a.mcap",), out=tmp_path) == status
+    assert ("drives worse than lane_sight: keep that" in capsys.readouterr().out) == bool(status)
 
 
 def test_a_navigator_is_not_taught_without_a_map_whatever_it_was_told(
