@@ -583,9 +583,9 @@ def test_without_a_map_there_is_no_way_and_no_twin(
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "status"), [(100, 99, 0), (100, 90, 1), (96, 96, 0), (99, 85, 1)]
+    ("before", "after", "status"), [(100, 99, 1), (99, 95, 1), (96, 96, 0), (95, 99, 0)]
 )
-def test_who_drives_worse_once_taught_is_not_to_be_armed_unless_it_may_be_luck(
+def test_a_base_that_drives_better_in_the_twin_is_to_be_kept_even_by_luck(
     before: int,
     after: int,
     status: int,
@@ -593,7 +593,7 @@ def test_who_drives_worse_once_taught_is_not_to_be_armed_unless_it_may_be_luck(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """`lane_sight` had driven 100 of 100 times in a twin, and 99 taught: "it drives worse"."""
+    """On a floor where 95 of 100 succeeded in its twin, and all by its base, 14 of 20 did."""
     fitted = [drive(["MANUAL"] * 50, [LEFT] * 50)], [np.zeros((50, 3))], load_map("loop")
     (tmp_path / "twin.yaml").write_text("ground: {brightness: 0.9}")
     left = iter((before, after))

@@ -60,7 +60,7 @@ def teach_command(
     """Teach a policy your floor: fit a twin, learn on in it, and prove it there.
 
     Leaves twin.yaml, twin.html and model.onnx in its folder; without a map it learns your steering.
-    Exit status 1 if no robot may arm by the proof, or its base surely drives better.
+    Exit status 1 if no robot may arm by the proof, or its base drives better.
 
     Args:
         recordings: MCAP files of drives on one map, or without any.
@@ -100,7 +100,7 @@ def teach_command(
         before, proof = (prove(file, *given) for file in (path, model))
     export_network(network, proven := replace(taught, proof=proof), model)
     console.print(f"before: {before.sentence}\n{model}: {proof.sentence}", markup=False)
-    if worse := proof.high < before.low:  # else it may be luck
+    if worse := proof.succeeded < before.succeeded:
         console.print(f"it drives worse than {path.stem}: keep that", markup=False)
     if proven.unproven:
         console.print(f"the robot will not arm with it: {proven.unproven}", markup=False)
