@@ -84,7 +84,8 @@ def teach_command(
     person, held_out = (examples_of(seen, places, contract, late) for late in (False, True))
     able = isinstance(network.features.convolutions, Backbone) and not contract.path_points
     if not road_map and (cyclegan or not able or not len(person.shares)):
-        raise ConfigError("without a map: expected your driving, base lane_sight, no --cyclegan")
+        wanted = "without a map: expected your driving, base lane_sight, no --cyclegan"
+        raise ConfigError(f"{wanted}; got {len(person.shares)} pictures, {path.stem}, {cyclegan}")
     twin = road_map and (road_map, load_look_sampler(out / "twin.yaml", pose_error(contract)))
     options = how_much(bool(twin), steps)
     how = contract.image, out, cyclegan, seed, console
